@@ -93,8 +93,7 @@ class NodeProcess(ChildProcess):
         return [line for line in self.lines if line and not line.startswith('[ros2run]')]
 
     def wait_after(self, number: int, timeout: float = PATIENCE) -> int | None:
-        """
-        Wait for the end by a signal; return the node's own exit code, None where it is unknown.
+        """Wait for the end by a signal; return the node's own exit code, None where it is unknown.
 
         ROS 2's own `ros2 run` is ended by SIGTERM itself, before the node is.
         """
@@ -156,8 +155,7 @@ class NodeProcesses:
 def node_process(
     ros_domain: int, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[NodeProcesses]:
-    """
-    Start processes in a domain of the test's own.
+    """Start processes in a domain of the test's own.
 
     `node_process('power_daq', 'daq', '--ros-args', '-p', 'a:=1')` runs an executable of a
     package; `.ros2(…)`, `.python(…)` and `.command(…)` run the rest. At the end, whatever still

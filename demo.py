@@ -1,5 +1,4 @@
-"""
-The whole loop in about ten minutes, from a robot's energy budget to hidden effects that are found.
+"""The loop in about ten minutes, from a robot's energy budget to hidden effects that are found.
 
 Two policies walk, and a budget says where the watts go and which of them one policy saves: the
 first result, after a minute or two, with which --quick ends. Then the robot is measured live, a
@@ -244,8 +243,7 @@ def falling(errors: Mapping[str, float]) -> str:
 
 
 def hidden_effect(demo: Demo, seed: int) -> tuple[Path | None, dict[str, float]]:
-    """
-    Hide an effect in the drives, find it, add it, and judge all models on another walk.
+    """Hide an effect in the drives, find it, add it, and judge all models on another walk.
 
     Returns the better model, and the error in W rms after each step.
     """

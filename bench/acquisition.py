@@ -1,5 +1,4 @@
-"""
-Acquisition of a walking robot, with all nodes in processes of their own.
+"""Acquisition of a walking robot, with all nodes in processes of their own.
 
 12 drives at 1 kHz and joint states at 400 Hz come over the bus, are stamped, published, estimated
 and recorded. Printed: samples lost, the error of the stamps against the plant's own clock, and the
@@ -29,8 +28,7 @@ Figures = dict[str, str]
 
 
 def stamp_error_ms(recording: Recording) -> Floats:
-    """
-    Stamps of joint states minus the plant's own time of the same steps, ms.
+    """Stamps of joint states minus the plant's own time of the same steps, ms.
 
     The plant stamps foot forces with its true time and samples them at the steps of the joint
     states, so that the nearest of them belongs to the same step while errors stay below 1.25 ms.

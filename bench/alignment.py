@@ -1,5 +1,4 @@
-"""
-Speed of alignment, from a bag to a dataset, as a multiple of real time.
+"""Speed of alignment, from a bag to a dataset, as a multiple of real time.
 
 The ratio counts CPU time, so that it is that of one core whatever else runs.
 

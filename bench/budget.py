@@ -1,5 +1,4 @@
-"""
-Budgets against true plants: shares of rows whose 90 % interval holds what the circuit knows.
+"""Budgets against true plants: shares of rows whose 90 % interval holds what the circuit knows.
 
     python bench/budget.py [--count N] [--held-out] [--json FILE]
 

@@ -1,7 +1,6 @@
-"""
-Levers of budgets against true plants that were changed so, at the same motion of the joints.
+"""Levers of budgets against true plants that were changed so, at the same motion of the joints.
 
-    python bench/budget_levers.py [--count N] [--held-out]
+python bench/budget_levers.py [--count N] [--held-out]
 """
 
 import argparse

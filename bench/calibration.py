@@ -1,5 +1,4 @@
-"""
-Coverage of the intervals of `power_calibration calibrate`, on the simulated bench.
+"""Coverage of the intervals of `power_calibration calibrate`, on the simulated bench.
 
 One drive is simulated once; each seed then has a meter of its own (gains, offset, noise, clock)
 and an analyser of its own (noise, clock), at 20 kHz. Printed: how many of the seeds have the

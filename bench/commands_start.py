@@ -1,7 +1,6 @@
-"""
-CPU time of `--help` and of a wrong argument of every command, each in a fresh process.
+"""CPU time of `--help` and of a wrong argument of every command, each in a fresh process.
 
-    python bench/commands_start.py [--only power_lab…]
+python bench/commands_start.py [--only power_lab…]
 """
 
 import argparse

@@ -1,5 +1,4 @@
-"""
-Blind benchmark of `power_lab discover`: hidden effects that no catalogue has, and nulls.
+"""Blind benchmark of `power_lab discover`: hidden effects that no catalogue has, and nulls.
 
     python bench/discover.py [--seeds 0 1 …] [--only NAME …] [--out FILE.jsonl]
 

@@ -1,5 +1,4 @@
-"""
-Circuits with hidden effects that no catalogue has, for the blind benchmark of discover.
+"""Circuits with hidden effects that no catalogue has, for the blind benchmark of discover.
 
 Three drives as in truth_circuit; each hidden effect is drawn at random by the unit of the robot,
 so that two recordings of one robot share it. Shapes are not those of the grammar of discover.

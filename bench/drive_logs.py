@@ -1,5 +1,4 @@
-"""
-Public logs of real drives as questions: what is left out of the model, and power that is added.
+"""Public logs of real drives as questions: what is left out of the model, and power that is added.
 
 The logs lie in the folder of public logs that WATTWALK_REAL_DATA names; they are read by the
 project's own import. The power of a hidden effect is added to the metered power by a formula of
@@ -35,8 +34,7 @@ _LEAST = 1e-6
 
 @dataclass(frozen=True)
 class DriveLog:
-    """
-    A log and what is known of its drives.
+    """A log and what is known of its drives.
 
     left_out: effects that surely exist, each of which is left out of a model in its turn.
     impossible: effects that this log can't lack, whatever the model.
@@ -223,8 +221,7 @@ def _rise(data: AlignedDataset, tau: Floats) -> Floats:
 
 
 def _unabsorbed(power: Floats, data: AlignedDataset) -> float:
-    """
-    W rms of an added power, where shaft, copper and idle absorb less than half of it.
+    """W rms of an added power, where shaft, copper and idle absorb less than half of it.
 
     Else what they leave of it.
     """

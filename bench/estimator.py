@@ -1,5 +1,4 @@
-"""
-Cost of the Power Prediction Network: training, live estimate, replay.
+"""Cost of the Power Prediction Network: training, live estimate, replay.
 
 Signals and weights are random numbers; the cost does not depend on them.
 

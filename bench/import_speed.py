@@ -1,5 +1,4 @@
-"""
-Speed and memory of `power_recordings import`, for a table and a bag of a given size.
+"""Speed and memory of `power_recordings import`, for a table and a bag of a given size.
 
 A seeded log of one drive (the most rows a byte) or of twelve is made in a temporary folder and
 imported by a process of its own; printed are its wall and CPU time, MB of log per second, and its

@@ -1,5 +1,4 @@
-"""
-Judgements that the benchmark of reliability scores, and the lab as one that judges.
+"""Judgements that the benchmark of reliability scores, and the lab as one that judges.
 
 A judge is a function (AlignedDataset, effects of the base model) -> Judgement; the benchmark takes
 any by `--judge module:function`.

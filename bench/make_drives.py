@@ -1,5 +1,4 @@
-"""
-The library of identified drives, made again from the public logs (drive_logs.LOGS).
+"""The library of identified drives, made again from the public logs (drive_logs.LOGS).
 
 What is said of a drive is written by hand in its `drive.yaml`; numbers, findings, model and
 picture are made here.

@@ -1,5 +1,4 @@
-"""
-Speed of offline simulation to a bag on one core, as a multiple of real time.
+"""Speed of offline simulation to a bag on one core, as a multiple of real time.
 
 Ratios count CPU time, so that they are those of one core whatever else runs. Also printed: what
 share of a core the plant takes when it runs in real time, without the node around it.

@@ -1,5 +1,4 @@
-"""
-Cost of predicted power in training: policy steps per second without it, with it, as the paper.
+"""Cost of predicted power in training: policy steps per second without it, with it, as the paper.
 
 Rounds of the variants take turns in one process, so that whatever else the machine does hits
 them alike. Networks have random weights of the size asked; the cost does not depend on them.

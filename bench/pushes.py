@@ -1,5 +1,4 @@
-"""
-Falls of the scripted trot under pushes, at several rates, with and without cadence adaptation.
+"""Falls of the scripted trot under pushes, at several rates, with and without cadence adaptation.
 
 Robots walk on rough ground by varying commands and are pushed every 7 s by up to 1 m/s along
 each axis, which is what `evaluate` asks of policies; what they sense is true.

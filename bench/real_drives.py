@@ -1,5 +1,4 @@
-"""
-Logs of real drives, from the guessed map to the verdict: the table of docs/results/real_drives.md.
+"""Logs of real drives, from guessed map to verdict: the table of docs/results/real_drives.md.
 
     python bench/real_drives.py [LOG…] [--no-write]
 

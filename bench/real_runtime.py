@@ -1,5 +1,4 @@
-"""
-The embedded runtime and ROS 2 beside each other, and across: cost, latency and loss.
+"""The embedded runtime and ROS 2 beside each other, and across: cost, latency and loss.
 
 A source publishes `drive_supply` at 1 kHz and `joint_states` at 400 Hz, both of 12 drives, to a
 sink in another process. Each of the four ways round is measured, one after the other.
@@ -51,8 +50,7 @@ def _joints() -> Any:
 
 
 class LoadSource(Node):
-    """
-    Publishes at the rates of the live system, the running number in the frame_id.
+    """Publishes at the rates of the live system, the running number in the frame_id.
 
     It catches up with what is due, however late it is called. seconds: after the warm-up, once
     both topics have a subscription; None: from the start on, without end.
@@ -178,8 +176,7 @@ def _role(role: str, seconds: float) -> None:
 
 
 def measure(source: str, sink: str, seconds: float, domain: int) -> dict[str, float]:
-    """
-    Run a source and a sink, each on 'embedded' or 'ROS 2', in a domain; return their figures.
+    """Run a source and a sink, each on 'embedded' or 'ROS 2', in a domain; return their figures.
 
     Cost and latency are µs, CPU is a share of a core; `lost` counts messages that did not come or
     came out of order.

@@ -1,5 +1,4 @@
-"""
-Reliability of the lab: of what it says at a probability, the share that is true.
+"""Reliability of the lab: of what it says at a probability, the share that is true.
 
     python bench/reliability.py [--judge judgements:diagnosed] [--families …] [--count 60]
         [--seconds S] [--drives D] [--nulls] [--sources plants robot logs blind] [--out FILE.jsonl]

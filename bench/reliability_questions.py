@@ -1,5 +1,4 @@
-"""
-Questions of the benchmark of reliability: recordings whose truth is known but not told.
+"""Questions of the benchmark of reliability: recordings whose truth is known but not told.
 
 Each question knows its key and family, and makes its recording when it is asked.
 """
@@ -35,8 +34,7 @@ REAL = (
 
 @dataclass(frozen=True)
 class Sealed:
-    """
-    A recording with its truth.
+    """A recording with its truth.
 
     missing: names that are true to say; None where nobody knows. impossible: names that physics
     rules out whatever else is missing. watts: rms that each hidden effect changes the power by.
@@ -218,8 +216,7 @@ def _robot_coefficients(p: Mapping[str, float]) -> dict[str, float]:
 
 
 def robot_questions(count: int, *, seed: int = 0, nulls: bool = False) -> list[OfRobot]:
-    """
-    Draw walks of 30 to 300 s, every other one of real drives.
+    """Draw walks of 30 to 300 s, every other one of real drives.
 
     Of two in five an effect that exists is left out of the model.
     """
@@ -243,8 +240,7 @@ def plant_questions(
     drives: int | None = None,
     nulls: bool = False,
 ) -> list[OfPlant]:
-    """
-    Draw so many questions of each family: a fair sample of motions, lengths, drives and effects.
+    """Draw so many questions of each family: a fair sample of motions, drives and effects.
 
     Two in five hide nothing, two in five one effect of the catalogue, one in ten two of them, one
     in ten an effect that no catalogue has, half of these beside one that it has.

@@ -1,7 +1,6 @@
-"""
-All benchmarks, one after the other, each in a process of its own.
+"""All benchmarks, one after the other, each in a process of its own.
 
-    python bench/run.py [--quick] [--only NAME…]
+python bench/run.py [--quick] [--only NAME…]
 """
 
 import argparse

@@ -72,8 +72,7 @@ def _is_quiet(domain: int) -> bool:
 
 @contextmanager
 def reserved() -> Iterator[int]:
-    """
-    Keep a ROS_DOMAIN_ID between 1 and 100 from others while the context lasts.
+    """Keep a ROS_DOMAIN_ID between 1 and 100 from others while the context lasts.
 
     A lock on a file in the temporary folder keeps it from whoever else asks here at the same
     time, in other processes or other checkouts. Raises NoDomainError where all are taken.

@@ -1,5 +1,4 @@
-"""
-Half an hour of acquisition at full rate with faults, and an account of every sample.
+"""Half an hour of acquisition at full rate with faults, and an account of every sample.
 
 12 drives at 1 kHz and 400 Hz over the Unix-socket bus, a bench supply at 100 Hz over TCP, DAQ,
 supply node and recorder as processes on DDS. Once a cycle: the system clock is stepped forward
@@ -35,8 +34,7 @@ _SETTLE = 2.0  # s after discovery
 
 
 class Soak:
-    """
-    Runs the cycles and remembers what was done when.
+    """Runs the cycles and remembers what was done when.
 
     What an action takes, such as the start of a recorder, comes on top of the seconds.
     """

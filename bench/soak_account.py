@@ -1,5 +1,4 @@
-"""
-Account of every sample of a soak: sums by the numbers in the samples, and their checks.
+"""Account of every sample of a soak: sums by the numbers in the samples, and their checks.
 
 Each sample carries the device's own number, so what a bag lacks is known one by one. Samples
 that are missing inside a bag have to be those that a node counted; what is missing between bags
@@ -31,8 +30,7 @@ _MOST = {
 
 @dataclass(frozen=True)
 class BagRows:
-    """
-    Rows of a stream in one bag, in the order of the file.
+    """Rows of a stream in one bag, in the order of the file.
 
     begun and ended: samples that had been measured when its recorder was ready, and when it was
     told to end or could not go on. kept: rows that a reader gives out, the others having stamps
@@ -90,8 +88,7 @@ class Account:
 
     @property
     def unaccounted(self) -> int:
-        """
-        Samples that are missing without a reason.
+        """Samples that are missing without a reason.
 
         What is missing inside bags beyond what nodes counted: lost in DDS, or by the recorder.
         """
@@ -123,8 +120,7 @@ def account(
     counters: Counters,
     bags: Sequence[BagRows],
 ) -> Account:
-    """
-    The account of a stream of the DAQ.
+    """The account of a stream of the DAQ.
 
     times: when each sample was measured, s on a steady clock. withheld: numbers of samples that
     never went on the wire, by reason.
@@ -168,8 +164,7 @@ def account(
 def supply_account(
     times: Sequence[float], readings: int, excuses: int, bags: Sequence[BagRows]
 ) -> Account:
-    """
-    The account of the bench supply: questions that it answered.
+    """The account of the bench supply: questions that it answered.
 
     times: when it answered each, s on a steady clock. readings: answers that the node
     counted. excuses: connections lost and answers that were none, each of which may have cost one
@@ -266,8 +261,7 @@ def _inside(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> int:
 
 
 def _at_ends(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> list[dict[str, int]]:
-    """
-    Open samples outside of the rows of bags by reason, for each bag, and last those of no bag.
+    """Open samples outside of the rows of bags by reason, for each bag, and last those of no bag.
 
     A bag accounts for what was measured from when its recorder was ready until it was ended.
     """

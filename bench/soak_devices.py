@@ -73,8 +73,7 @@ class Kept:
 
 
 class SoakDrives:
-    """
-    Twelve drives at 1 kHz and 400 Hz on a Unix-socket bus that can be switched off.
+    """Twelve drives at 1 kHz and 400 Hz on a Unix-socket bus that can be switched off.
 
     They measure on while the bus is off. Each sample carries its number: as digits in currents or
     positions, and in the frames' counters.
@@ -229,8 +228,7 @@ _LOST = r'drive_supply lost (\d+) samples'
 def rows(
     path: Path, begun: dict[str, int], ended: dict[str, int], how: str, said: str
 ) -> dict[str, BagRows]:
-    """
-    A bag by stream; a stream that it lacks is empty.
+    """A bag by stream; a stream that it lacks is empty.
 
     begun and ended: counts of the devices by stream; said: what the recorder wrote at its end.
     """

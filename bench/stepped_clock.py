@@ -1,5 +1,4 @@
-"""
-A system clock that can be stepped, for one process tree and without touching the machine's.
+"""A system clock that can be stepped, for one process tree and without touching the machine's.
 
 It stands in for `time.time` and `time.time_ns` before anything else is imported: what they show
 is the machine's clock plus an offset in a file that other processes share. The steady clock is

@@ -1,5 +1,4 @@
-"""
-Blind benchmark of `power_fleet track`: which of many histories change, in what, since when.
+"""Blind benchmark of `power_fleet track`: which of many histories change, in what, since when.
 
     python bench/track.py [--histories N] [--recordings M] [--cache runs/track] [--out FILE.json]
                           [--workers W]
@@ -50,8 +49,7 @@ _KINDS = ('quiet', 'wear', 'quiet', 'gain', 'quiet', 'wear', 'quiet', 'offset')
 
 @dataclass(frozen=True)
 class Plan:
-    """
-    Sealed change of one drive in a history.
+    """Sealed change of one drive in a history.
 
     The robots of a history take turns; begin and end count the recordings of the one that changes.
     """

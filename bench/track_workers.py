@@ -1,5 +1,4 @@
-"""
-Time and memory of `track` with one worker, two, and two of which one is killed; JSON compared.
+"""Time and memory of `track` with one worker, two, and two of which one is killed; JSON compared.
 
     python bench/track_workers.py [--recordings 200] [--seconds 150] [--folder runs/track_workers]
                                   [--scheduler tcp://HOST:PORT]

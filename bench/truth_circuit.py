@@ -1,5 +1,4 @@
-"""
-A second source of truth for the lab, apart from sim_bridge and from the lab's own formulas.
+"""A second source of truth for the lab, apart from sim_bridge and from the lab's own formulas.
 
 Three drives of a leg as circuits: currents and voltages are worked out first, power is their
 product at the meter. Shapes differ from the catalogue's formulas on purpose.

@@ -1,5 +1,4 @@
-"""
-Live watch on hours of the blind benchmark's circuit: false alarms, and the time to a true one.
+"""Live watch on hours of the blind benchmark's circuit: false alarms, and the time to a true one.
 
     python bench/watch_alarms.py [--hours H] [--legs N] [--allowed RATE] [--out FILE.json]
 

@@ -1,5 +1,4 @@
-"""
-Speed of the workbench in a real browser: first picture, brush, zoom, preview; memory.
+"""Speed of the workbench in a real browser: first picture, brush, zoom, preview; memory.
 
     python bench/workbench.py [--bag BAG] [--count 30] [--no-preview]
 

@@ -1,5 +1,4 @@
-"""
-True plants for the lab's benchmarks, computed from currents and voltages, with their truth.
+"""True plants for the lab's benchmarks, computed from currents and voltages, with their truth.
 
     from truths import FAMILIES, MOTIONS, Case, hidden_watts, record
 

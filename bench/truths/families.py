@@ -108,8 +108,7 @@ class TruePlant:
 
 @dataclass(frozen=True)
 class Family:
-    """
-    Plants of one kind.
+    """Plants of one kind.
 
     change: draws what differs from the scale, by the drive's fields. often: chances that effects
     beside those that always exist are in the plant. developed: whether the lab may be developed on

@@ -1,5 +1,4 @@
-"""
-Motions of D joints as knots at 200 Hz: position [K, D] in rad, torque wanted at the joint in N·m.
+"""Motions of D joints as knots at 200 Hz: position [K, D] in rad, torque at the joint in N·m.
 
 Sizes follow the drive's limits, so that each motion exists for each scale of drive.
 """

@@ -54,8 +54,7 @@ class DriveTruth:
 
 @dataclass(frozen=True)
 class Recorded:
-    """
-    A recording with its truth.
+    """A recording with its truth.
 
     power: true W at the meter at 50 Hz [P, D]; parts: the same by part [P, D, len(PARTS)].
     """

@@ -1,5 +1,4 @@
-"""
-Steps of the true plant, compiled: mechanics, currents, voltages and instruments of D drives.
+"""Steps of the true plant, compiled: mechanics, currents, voltages and instruments of D drives.
 
 Nothing here knows the lab's formulas: power is voltage times current at the meter, and the parts
 are counted beside it so that they sum to it.
@@ -162,8 +161,7 @@ def run(
     parts,
     power,
 ):  # type: ignore[no-untyped-def]
-    """
-    Run the plant through a motion of K knots; write samples, parts and power.
+    """Run the plant through a motion of K knots; write samples, parts and power.
 
     drives, state: records [D]. position (rad), torque (N·m): knots [K, D]; source (V), other (W
     drawn by other consumers, before the diode that blocks): at the knots [K]. supply: nominal

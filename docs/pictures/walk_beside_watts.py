@@ -1,5 +1,4 @@
-"""
-Animated picture of the simulated robot walking beside the watts of its drives.
+"""Animated picture of the simulated robot walking beside the watts of its drives.
 
 example: MUJOCO_GL=egl python docs/pictures/walk_beside_watts.py -o walk_beside_watts.webp
 """

@@ -1,5 +1,4 @@
-"""
-Animated picture of the workbench: budget, fit, where it fails, diagnosis, the error falls.
+"""Animated picture of the workbench: budget, fit, where it fails, diagnosis, the error falls.
 
 example: ros2 run power_lab challenge --seed 66 -o bags/riddle
          python docs/pictures/workbench_loop.py bags/riddle -o workbench_loop.webp

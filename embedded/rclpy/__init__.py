@@ -1,5 +1,4 @@
-"""
-The subset of rclpy that the nodes use, for machines without ROS 2.
+"""The subset of rclpy that the nodes use, for machines without ROS 2.
 
 Same API, same wire: nodes see and are seen by ROS 2 Jazzy nodes on rmw_cyclonedds.
 """
@@ -65,8 +64,7 @@ def init(
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
 ) -> InitContextManager:
-    """
-    Start a context, by default the default one, with the process's arguments.
+    """Start a context, by default the default one, with the process's arguments.
 
     SIGINT and SIGTERM then shut it down, unless another context or other options are given.
     `with rclpy.init():` shuts it down at the end of the block, as rclpy after Jazzy does.
@@ -132,8 +130,7 @@ def spin_once(node: Any, *, executor: Any = None, timeout_sec: float | None = No
 
 
 def spin(node: Any, executor: Any = None) -> None:
-    """
-    Run callbacks until the context is shut down.
+    """Run callbacks until the context is shut down.
 
     Raises KeyboardInterrupt at Ctrl-C and ExternalShutdownException at SIGTERM.
     """

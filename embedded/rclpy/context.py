@@ -37,8 +37,7 @@ def _domain_id(given: int | None) -> int:
 
 
 def _refuse_security() -> None:
-    """
-    Raise RCLError where security is asked for, with either strategy.
+    """Raise RCLError where security is asked for, with either strategy.
 
     This runtime has none: its nodes would talk in the clear to whoever is on the network.
     """
@@ -72,8 +71,7 @@ class Context:
         initialize_logging: bool = True,
         domain_id: int | None = None,
     ) -> None:
-        """
-        Start; the arguments default to those of the process.
+        """Start; the arguments default to those of the process.
 
         Raises RuntimeError where it was called before, RCLError where the environment cannot be
         meant or asks for security, UnknownROSArgsError or RCLInvalidROSArgsError for arguments

@@ -107,8 +107,7 @@ class RcutilsLogger:
         throttle_duration_sec: float | None = None,
         throttle_time_source_type: Any = None,
     ) -> bool:
-        """
-        Write a message and tell whether it was written.
+        """Write a message and tell whether it was written.
 
         `once`, `skip_first` and `throttle_duration_sec` [s] count for each place in the code.
         Raises ValueError where one place logs at different severities, as rclpy does.

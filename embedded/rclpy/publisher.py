@@ -50,8 +50,7 @@ class Publisher:
         return self._topic
 
     def publish(self, msg: Any) -> None:
-        """
-        Send a message, or CDR bytes as they are.
+        """Send a message, or CDR bytes as they are.
 
         Raises TypeError for another type or a field that its type cannot hold, InvalidHandle
         after destruction, RCLError after shutdown or where subscriptions that

@@ -36,8 +36,7 @@ def _register(cls: Any) -> Any:
 
 
 def serialize(message: Message, prefix: bytes = b'') -> bytes:
-    """
-    Return the little-endian XCDR1 bytes of a message.
+    """Return the little-endian XCDR1 bytes of a message.
 
     A prefix of a multiple of eight bytes goes between the encapsulation and the message.
     Raises TypeError where a field holds what its type cannot.
@@ -54,8 +53,7 @@ def serialize(message: Message, prefix: bytes = b'') -> bytes:
 
 
 def deserialize(data: bytes, cls: type[Message], skip: int = 0) -> Any:
-    """
-    Return the message in CDR bytes, of which `skip` bytes after the encapsulation are left out.
+    """Return the message in CDR bytes, of which `skip` bytes after the encapsulation are left out.
 
     Raises ValueError where the bytes are no such message.
     """

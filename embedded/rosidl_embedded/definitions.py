@@ -38,8 +38,7 @@ def _add(type_name: str, text: str) -> None:
 
 
 def is_known(type_name: str) -> bool:
-    """
-    Tell whether an interface such as `sensor_msgs/msg/JointState` has a definition.
+    """Tell whether an interface such as `sensor_msgs/msg/JointState` has a definition.
 
     Reads the definition file of the package's `definitions` folder where there is one. A service
     is known as the two messages `pkg/srv/Name_Request` and `pkg/srv/Name_Response`.

@@ -305,8 +305,7 @@ def _receiver(
 
 
 def message_class(package: str, name: str, kind: str = 'msg') -> Any:
-    """
-    Return a message class by package and name.
+    """Return a message class by package and name.
 
     Raises AttributeError where there is no such message, as a module does for a missing name.
     """
@@ -331,8 +330,7 @@ def _class_of(package: str, name: str) -> Any:
 
 
 def service_class(package: str, name: str, kind: str = 'srv') -> Any:
-    """
-    Return a service class by package and name.
+    """Return a service class by package and name.
 
     Raises AttributeError where there is no such service, as a module does for a missing name.
     """

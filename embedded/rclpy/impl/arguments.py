@@ -307,8 +307,7 @@ def _rule(text: str, flag: str) -> tuple[str | None, str, str]:
 
 
 def parameters_of(path: str) -> list[tuple[str, dict[str, Any]]]:
-    """
-    Return pairs of node pattern and values of a ROS parameter file.
+    """Return pairs of node pattern and values of a ROS parameter file.
 
     Raises RCLInvalidROSArgsError where it is absent or no such file.
     """
@@ -321,8 +320,7 @@ def parameters_of(path: str) -> list[tuple[str, dict[str, Any]]]:
 
 
 def parse(argv: Sequence[str]) -> RosArguments:
-    """
-    Read the ROS arguments of a command line.
+    """Read the ROS arguments of a command line.
 
     Raises UnknownROSArgsError or RCLInvalidROSArgsError, which quote the argument.
     """

@@ -82,8 +82,7 @@ class Parameters:
         descriptor: Any = None,
         ignore_override: bool = False,
     ) -> Parameter:
-        """
-        Declare a parameter by its default value or its Parameter.Type.
+        """Declare a parameter by its default value or its Parameter.Type.
 
         Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException where the value
         given from outside has another type, InvalidParameterValueException where it is refused.

@@ -55,8 +55,7 @@ class ServiceEnd:
         return sequence
 
     def take(self) -> list[tuple[int, int, int, Any]]:
-        """
-        Take what came: (client's handle, number, handle of the writer, message).
+        """Take what came: (client's handle, number, handle of the writer, message).
 
         Raises ValueError for what is no request or reply.
         """

@@ -64,8 +64,7 @@ def raw_type(dds_type_name: str) -> type[IdlStruct]:
 
 
 def domain_configuration() -> str:
-    """
-    Return Cyclone's configuration for ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS.
+    """Return Cyclone's configuration for ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS.
 
     The default is LOCALHOST: the loopback interface and no multicast. Raises RuntimeError for a
     range that ROS does not know.

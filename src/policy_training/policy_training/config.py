@@ -1,5 +1,4 @@
-"""
-Configuration of a training run, read from YAML.
+"""Configuration of a training run, read from YAML.
 
 Defaults are the rewards, noise and PPO of legged_gym's flat ANYmal, which the paper trains [14],
 with MuJoCo in place of Isaac Gym; `configs` has what works with few robots.
@@ -235,8 +234,7 @@ class PpoConfig:
 
 @schema
 class SelectionConfig:
-    """
-    Trials during training, by which a policy and the multiplier of the power term are chosen.
+    """Trials during training, by which a policy and the multiplier of the power term are chosen.
 
     The policy that is exported is the one whose trial cost least, see `task_trial.py`. The
     multiplier rises while a trial keeps the limits, and falls back twice as fast where one does

@@ -28,8 +28,7 @@ ETHERCAT = 'ethercat'
 
 @dataclass(frozen=True)
 class MeasuringDevice:
-    """
-    A measuring device: its name, drives by group, thread and reports.
+    """A measuring device: its name, drives by group, thread and reports.
 
     part: its name in diagnostics; report takes the time in s on a steady clock; ending: s that
     the thread may take to end; abandoned: the consequence if it takes longer, for the log; card:

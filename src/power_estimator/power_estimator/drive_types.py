@@ -31,8 +31,7 @@ class DriveType:
 
 
 def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
-    """
-    Group drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
+    """Group drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
 
     The type is the name without the leg's prefix (LF, RH, FL, left, …), or an ending that several
     drives share (`a_hip`, `b_hip`). Every other drive is a type of its own.

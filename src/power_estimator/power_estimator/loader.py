@@ -19,8 +19,7 @@ _EFFECTS: Final = ('shaft', 'copper_loss', 'idle')
 
 
 def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
-    """
-    Find a power model: `ppn:FILE_OR_RUN`, a proxy (`torque_squared`) or a `*.yaml` of effects.
+    """Find a power model: `ppn:FILE_OR_RUN`, a proxy (`torque_squared`) or a `*.yaml` of effects.
 
     `plain` is mechanical power, a loss by torque² and a constant draw, not fitted yet.
 

@@ -10,8 +10,7 @@ from wattwalk_core.arrays import Singles
 
 @dataclass(frozen=True)
 class Needs:
-    """
-    Inputs of a power model, and the past that they have to reach back to.
+    """Inputs of a power model, and the past that they have to reach back to.
 
     Inputs are `position_error`, `torque`, `velocity`, `position`, `voltage`, `temperature` (of the
     winding) and `power` (measured, of a proxy without a factor), each with the effect that asks

@@ -37,8 +37,7 @@ WATTS: Final = ('mechanical_power', 'mechanical_power_positive')
 
 @dataclass(frozen=True)
 class Proxy:
-    """
-    A signal times one factor per drive type, so that its mean equals that of the measured power.
+    """A signal times one factor per drive type, so that its mean is that of the measured power.
 
     The factor comes from `fit`; a proxy without one takes it from the power measured in the data
     of the prediction, as Section II-A of the paper does.
@@ -73,8 +72,7 @@ class Proxy:
         return replace(self, types=types, factors=factors)
 
     def predict(self, data: AlignedDataset) -> Singles:
-        """
-        Return the scaled signal in W [T, D]; NaN for drives without a factor.
+        """Return the scaled signal in W [T, D]; NaN for drives without a factor.
 
         A proxy in watts is not scaled where no power was measured.
         """

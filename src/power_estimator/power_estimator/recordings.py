@@ -23,8 +23,7 @@ _ALIKE = 1.2  # ratio of rates that count as one
 
 
 def check_sampling(recordings: Sequence[Recording]) -> None:
-    """
-    Raise InputError for joint states whose rate is too low or changes.
+    """Raise InputError for joint states whose rate is too low or changes.
 
     A filter or a bin of another rate is another feature; models are not trained on a mixture.
     """
@@ -93,8 +92,7 @@ class TrainingSet:
 
 
 def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingSet:
-    """
-    Load several recordings as one set.
+    """Load several recordings as one set.
 
     InputError for a recording that is given twice, cannot be read, has another rate, or whose
     signals contradict each other.
@@ -111,8 +109,7 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
 
 
 def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> AlignedDataset:
-    """
-    Align recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
+    """Align recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
 
     The robot's supply is left out if some of its drives are.
     """
@@ -132,8 +129,7 @@ def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> Align
 
 
 def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) -> Singles:
-    """
-    Return features [T, D, 3] of the same samples as the live node forms them: unfiltered, causal.
+    """Return features [T, D, 3] of the same samples as the live node forms them: causal.
 
     Each is the mean of the joint states at 400 Hz in the 5 ms around the sample's time: the one
     at that time and the next. So four of them end with the newest joint state, and a live

@@ -53,8 +53,7 @@ def bias(measured: ArrayLike, estimated: ArrayLike) -> float:
 def energy_error(
     measured: ArrayLike, estimated: ArrayLike, rate: float, window: float = 60.0
 ) -> float:
-    """
-    Return the mean |error| of the energy over windows (s), over the mean measured energy.
+    """Return the mean |error| of the energy over windows (s), over the mean measured energy.
 
     An incomplete window counts only if there is no full one.
     """
@@ -89,8 +88,7 @@ def coverage(found: Score, measured: ArrayLike, low: ArrayLike, high: ArrayLike)
 
 
 def block_means(values: Singles, runs: Iterable[slice], block: int = 4) -> Singles:
-    """
-    Return the mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
+    """Return the mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
 
     values [T, …] → [N, …]; blocks lie inside the runs, rows that fill no block are left out, and
     a block with a NaN is NaN.

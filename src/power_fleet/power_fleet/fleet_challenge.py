@@ -56,8 +56,7 @@ class FleetChallenge:
 def draw_fleet(
     seed: int, recordings: int, seconds: float, drives: tuple[str, ...] = JOINT_NAMES
 ) -> FleetChallenge:
-    """
-    Draw two robots of so many recordings in all, half of which change by weather alone.
+    """Draw two robots of so many recordings in all, half of which change by weather alone.
 
     They lack a week at some date. Else one effect of a drive grows by 25 to 60 %, or a current
     sensor's gain moves by 3 to 6 % or its offset by 20 to 40 mA, at once or slowly. InputError for

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Session:
-    """
-    Recordings, and a model that is worked on; each step returns another session.
+    """Recordings, and a model that is worked on; each step returns another session.
 
     Effects are named in one text (`'shaft copper_loss idle'`) or given one by one.
     """
@@ -50,8 +49,7 @@ class Session:
         catalogue: Catalogue | None = None,
         **how: Any,
     ) -> 'Session':
-        """
-        Read recordings; InputError for those that say nothing.
+        """Read recordings; InputError for those that say nothing.
 
         effects_path: files of the user's own effects, which are run; how: as in `load`.
         """
@@ -127,8 +125,7 @@ class Session:
         battery: float | None = None,
         seed: int = 0,
     ) -> Budget:
-        """
-        Account for the metered power by effect, drive and phase, by the model or a chosen one.
+        """Account for the metered power by effect, drive and phase, by the model or a chosen one.
 
         changes: factors by lever, in place of 10 % of each; battery: Wh.
         """

@@ -29,8 +29,7 @@ class ChannelCorrection:
 
 @dataclass(frozen=True)
 class Calibration:
-    """
-    Corrections of voltage (V) and current (A): true value = gain · measured + offset, [2, D].
+    """Corrections of voltage (V) and current (A): true value = gain · measured + offset, [2, D].
 
     In the file: `channels: {LF_HAA.current: {gain: 1.01, offset: -0.02}, …}`; channels that it
     does not name are not changed.
@@ -67,8 +66,7 @@ def label(path: Path) -> str:
 
 
 def onto(path: Path, channels: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """
-    Combine new channels with those of the file that was applied while they were measured.
+    """Combine new channels with those of the file that was applied while they were measured.
 
     true = new gain · (old gain · raw + old offset) + new offset; intervals are the new ones'.
     """

@@ -35,8 +35,7 @@ class CardNote:
 
 @schema
 class Card:
-    """
-    Content of `card.yaml` in the folder of a recording.
+    """Content of `card.yaml` in the folder of a recording.
 
     Texts may stay empty. `drives` are those whose electrical power was measured. `created` is a
     date in ISO 8601; `seed` is that of a simulation. `torque` says for each drive whether its
@@ -110,8 +109,7 @@ class Card:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """
-        Read a card from its file or from the folder of its recording.
+        """Read a card from its file or from the folder of its recording.
 
         Raises InputError if there is none, it is not plain YAML, or a value has a wrong type.
         """
@@ -129,8 +127,7 @@ class Card:
     def of_source(
         cls, torque: Mapping[str, str], torque_unit: Mapping[str, str], derived: Sequence[str] = ()
     ) -> Self:
-        """
-        Return what a source knows of its drives.
+        """Return what a source knows of its drives.
 
         torque: joint or motor, and torque_unit: A or N*m, by drive; derived: drives whose velocity
         is the rate of their position.
@@ -140,8 +137,7 @@ class Card:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str = 'card') -> Self:
-        """
-        Build a card from keys and values as in the file; numbers and dates become text.
+        """Build a card from keys and values as in the file; numbers and dates become text.
 
         Raises InputError, which begins with `where`, for a value of a wrong type.
         """

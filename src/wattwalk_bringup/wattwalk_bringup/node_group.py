@@ -28,8 +28,7 @@ class LogFollower:
         self._path, self._place, self._rest = path, 0, b''
 
     def new_lines(self) -> list[str]:
-        """
-        Return new lines that are not empty, without time and name of ROS's log.
+        """Return new lines that are not empty, without time and name of ROS's log.
 
         The newest one stays in `last`.
         """
@@ -128,8 +127,7 @@ class RunningNode:
 
 
 class NodeGroup:
-    """
-    Nodes that are started together and end together, the policy runner first.
+    """Nodes that are started together and end together, the policy runner first.
 
     look: called several times a second while nodes end.
     """

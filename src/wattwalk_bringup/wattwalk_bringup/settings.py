@@ -32,8 +32,7 @@ class About:
 
 @schema
 class BringupSettings:
-    """
-    The robot, the nodes brought up for it and what each is told.
+    """The robot, the nodes brought up for it and what each is told.
 
     parameters and arguments: added to those that follow from the other settings, by node.
     """
@@ -119,8 +118,7 @@ class BringupSettings:
 
     @classmethod
     def shipped(cls, name: str) -> Self:
-        """
-        Return shipped settings unchecked.
+        """Return shipped settings unchecked.
 
         `ros2 launch` runs on the Python of ROS, which need not have pydantic.
         """

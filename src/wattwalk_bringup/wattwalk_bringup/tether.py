@@ -1,5 +1,4 @@
-"""
-Start a program that is sent SIGINT when the process that started it is gone, killed included.
+"""Start a program that is sent SIGINT when the process that started it is gone, killed included.
 
 SIGINT waits until the program unblocks it, as nodes do once they can end soundly; `ros2` has it
 at once.

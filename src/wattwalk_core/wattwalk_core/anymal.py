@@ -1,5 +1,4 @@
-"""
-ANYmal C: names, standing pose, limits, gains, geometry and masses.
+"""ANYmal C: names, standing pose, limits, gains, geometry and masses.
 
 Geometry, masses and limits are those of the manufacturer's URDF, with every frame aligned to the
 base. Vectors of the leg LF; those of the others follow by FRONT (x) and LEFT (y).

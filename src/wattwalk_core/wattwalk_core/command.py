@@ -28,8 +28,7 @@ _INTERRUPTED: Final = 'interrupted'
 
 
 def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
-    """
-    Turn a function of the argument list into an entry point that returns an exit code.
+    """Turn a function of the argument list into an entry point that returns an exit code.
 
     InputError ends with its message on stderr and code 2, SIGINT (Ctrl-C) with one line and code
     130 and SIGTERM with code 143, both after `finally` clauses.
@@ -76,8 +75,7 @@ def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
 def entry_point(
     body: str, description: str, epilog: str, *, name: str | None = None
 ) -> Callable[[Callable[[argparse.ArgumentParser, Arguments], object]], Entry]:
-    """
-    Turn a function that adds arguments to a parser and parses them into a command.
+    """Turn a function that adds arguments to a parser and parses them into a command.
 
     body: `module:function`, which takes what the function returns; it is imported once the
     arguments are read, so that `--help` and errors in arguments wait for no library. epilog: its
@@ -129,8 +127,7 @@ def _say(message: object) -> None:
 
 
 def own_arguments(args: Sequence[str] | None = None) -> list[str]:
-    """
-    Return a command's arguments: args, or the process's, without each `--ros-args … --`.
+    """Return a command's arguments: args, or the process's, without each `--ros-args … --`.
 
     The same as rclpy.utilities.remove_ros_args, without the import of rclpy.
     """

@@ -9,8 +9,7 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 
 def compiled(signature: str) -> Callable[[Function], Function]:
-    """
-    Return a decorator that compiles a function when its module is imported.
+    """Return a decorator that compiles a function when its module is imported.
 
     signature: of numba, such as `void(f8[:, ::1], i8)`. Other types of arguments raise TypeError.
     The code is kept on disk for the next process, beside the module or in numba's cache folder.

@@ -12,8 +12,7 @@ _AGAIN = 0.02  # s
 
 
 def install() -> None:
-    """
-    Replace Python's default hooks for uncaught errors.
+    """Replace Python's default hooks for uncaught errors.
 
     Packages of commands do it, which only entry points import, so that libraries leave the hooks.
     """

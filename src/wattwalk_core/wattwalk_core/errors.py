@@ -26,8 +26,7 @@ _LONGEST = 800
 
 
 class InputError(Exception):
-    """
-    Bad input from the user; the message is one line with the remedy.
+    """Bad input from the user; the message is one line with the remedy.
 
     Line breaks and control characters, as names in files of others may have them, are escaped and
     what is too long is cut in its middle, so that the message may go to a terminal.

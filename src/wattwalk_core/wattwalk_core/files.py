@@ -37,8 +37,7 @@ class RecordingError(InputError):
 
 
 def read_bytes(path: Path, what: str, limit: int) -> bytes:
-    """
-    Read a regular file of at most `limit` bytes.
+    """Read a regular file of at most `limit` bytes.
 
     Raises InputError, which calls the file `what`, for one that is absent, no regular file (a
     pipe, a device) or larger.
@@ -79,8 +78,7 @@ def advice(error: OSError) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """
-    Write under a temporary name, then rename it to path; RecordingError if it cannot.
+    """Write under a temporary name, then rename it to path; RecordingError if it cannot.
 
     Within `together` the renaming waits for the end of that block.
     """

@@ -1,5 +1,4 @@
-"""
-Commands of wheels, which have no `lib/PACKAGE` for `ros2 run` to look in.
+"""Commands of wheels, which have no `lib/PACKAGE` for `ros2 run` to look in.
 
     wattwalk PACKAGE COMMAND [ARGUMENT ...]
 

@@ -19,8 +19,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class RaisedSignals:
-    """
-    SIGINT and SIGTERM as the exception Interrupted, within a `with` block of the main thread.
+    """SIGINT and SIGTERM as the exception Interrupted, within a `with` block of the main thread.
 
     received: the last one. In other threads the handlers stay as they are. A signal that comes
     while a module is imported is raised after the import: extension modules turn an exception

@@ -41,8 +41,7 @@ def wait_until(condition: Callable[[], object], timeout: float = PATIENCE) -> bo
 
 
 class ChildProcess:
-    """
-    A process in a separate session, unaffected by the terminal's Ctrl-C.
+    """A process in a separate session, unaffected by the terminal's Ctrl-C.
 
     log: file that its output, stderr included, is written to; its name without suffix stands for
     the process in errors. environment: added to that of this process. Signals go to the process
@@ -96,8 +95,7 @@ class ChildProcess:
         return next((line for line in reversed(self.output.split('\n')) if line), 'no output')
 
     def wait_for_line(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
-        """
-        Wait until a regular expression is found in a line of the output; return the match.
+        """Wait until a regular expression is found in a line of the output; return the match.
 
         Raises ProcessError where the process ends without it or timeout [s] is over.
         """
@@ -146,8 +144,7 @@ class ChildProcess:
     def end(
         self, patience: float = PATIENCE, signals: Sequence[int] = (signal.SIGINT, signal.SIGTERM)
     ) -> int:
-        """
-        Send signals one after the other, each patience [s] after the one before, then SIGKILL.
+        """Send signals one after the other, each patience [s] after the one before, then SIGKILL.
 
         Children that outlive the process are killed. Returns the exit code.
         """

@@ -20,8 +20,7 @@ _SECOND: Final = 1_000_000_000  # ns
 
 
 class RecentMean:
-    """
-    Mean of the samples of the last seconds by their stamps, NaN before the first.
+    """Mean of the samples of the last seconds by their stamps, NaN before the first.
 
     Samples come in blocks, and leave as such. A block that goes back in time begins anew.
     """
@@ -75,8 +74,7 @@ class RecentBudget:
 
     @classmethod
     def of(cls, model: Mapping[str, float], drives: float, supply: float) -> 'RecentBudget':
-        """
-        Parts of a model with what it leaves unexplained and the electronics.
+        """Parts of a model with what it leaves unexplained and the electronics.
 
         model: W by part, empty without one; drives and supply: metered, W, NaN where not known.
         """

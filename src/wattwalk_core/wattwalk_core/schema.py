@@ -1,5 +1,4 @@
-"""
-Configuration as frozen dataclasses, checked field by field when it is read.
+"""Configuration as frozen dataclasses, checked field by field when it is read.
 
 A class decorated with `schema` is an ordinary frozen dataclass. `parse` and `read` build it from
 YAML content by its annotations (pydantic does the work and is imported only then). Errors are one
@@ -48,8 +47,7 @@ _EXPECTED = {
 
 @dataclass_transform(frozen_default=True)
 def schema(cls: type[T]) -> type[T]:
-    """
-    Make a class a frozen dataclass that `parse` reads; keys it does not have are refused.
+    """Make a class a frozen dataclass that `parse` reads; keys it does not have are refused.
 
     A class variable RENAMED maps former keys, which are still read, to present ones. An
     InputError of `__post_init__` gets the place of the entry.
@@ -159,8 +157,7 @@ Name = Annotated[str, Printable()]  # text that is not empty, is not long and ma
 
 
 def parse(kind: type[T], content: object, where: str) -> T:
-    """
-    Build a schema class from the content of a file or message.
+    """Build a schema class from the content of a file or message.
 
     kind: a class decorated with `schema`, or a type made of such, as `dict[str, Drive]`.
     where: prefix of error messages, such as `plant lab.yaml`. Raises InputError.

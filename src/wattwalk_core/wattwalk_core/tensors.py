@@ -1,5 +1,4 @@
-"""
-Tensors in files of others: read within limits, and never run as code.
+"""Tensors in files of others: read within limits, and never run as code.
 
 safetensors and torch are imported by the functions that need them; packages that read tensors
 depend on them.
@@ -63,8 +62,7 @@ def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
 def checked_tensors(
     tensors: Tensors, shapes: Mapping[str, tuple[int, ...]], where: str
 ) -> dict[str, Singles]:
-    """
-    Return the tensors as float32.
+    """Return the tensors as float32.
 
     Raises InputError, which begins with `where`, for one that is missing, unknown, of another
     shape, or that holds anything but numbers that are finite in float32.
@@ -89,8 +87,7 @@ def checked_tensors(
 
 
 def read_state(path: Path, what: str, limit: int = SIZE) -> Any:
-    """
-    Read tensors and plain values that torch.save wrote; InputError for anything else.
+    """Read tensors and plain values that torch.save wrote; InputError for anything else.
 
     torch reads it with weights_only, and nothing of it is run.
     """

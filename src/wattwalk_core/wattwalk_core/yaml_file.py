@@ -1,5 +1,4 @@
-"""
-YAML files of others, read within limits.
+"""YAML files of others, read within limits.
 
 Only plain YAML is accepted: no tags, no aliases or merge keys (which let half a kilobyte unfold
 to gigabytes), no repeated keys, at most DEPTH levels, numbers of at most DIGITS digits, and a
@@ -26,8 +25,7 @@ class _Refused(yaml.YAMLError):
 
 
 class _PlainLoader(Composer, yaml.CSafeLoader):
-    """
-    Constructs plain values only, within the limits of this module.
+    """Constructs plain values only, within the limits of this module.
 
     The parser is that of libyaml, five times as fast as the one in Python.
     """

@@ -17,8 +17,7 @@ FORMAT: Final = 'motion/1'
 
 @schema
 class MotionContent:
-    """
-    Content of a motion file: segments, or segments by mode, the first mode being the default.
+    """Content of a motion file: segments, or segments by mode, the first mode being the default.
 
     loads: whether torques are in N·m or shares of the load's pull. reason, seconds: the motion's
     purpose and length, as `power_lab diagnose` writes them for people.
@@ -43,8 +42,7 @@ class MotionContent:
 
 @dataclass(frozen=True)
 class MotionFile:
-    """
-    Sequence of segments, with the drives and supply voltages (V) to use.
+    """Sequence of segments, with the drives and supply voltages (V) to use.
 
     mode: the one of the file's `modes` that the segments are of, empty if it has none.
     shares: torques and loads are shares of the pendulum's pull, see `with_pull`.
@@ -96,8 +94,7 @@ class MotionFile:
         frequency: float | None = None,
         seconds: float | None = None,
     ) -> 'MotionFile':
-        """
-        Return the motion with another amplitude (unit of the mode), frequency (Hz) or length (s).
+        """Return the motion with another amplitude (unit of the mode), frequency (Hz), length (s).
 
         Segments that have a shape or swing are changed; InputError if there is none.
         """
@@ -114,8 +111,7 @@ class MotionFile:
 
     @classmethod
     def load(cls, path: Path, mode: str | None = None) -> 'MotionFile':
-        """
-        Read a file; InputError names the entry that is wrong.
+        """Read a file; InputError names the entry that is wrong.
 
         mode: which of the file's `modes` to take; the first if None.
         """

@@ -21,8 +21,7 @@ def fitted(
     limits: JointLimits,
     ramps: Ramps | None = None,
 ) -> tuple[MotionFile, tuple[str, ...]]:
-    """
-    Return the motion within the limits of a joint from a position, rad, and the changes.
+    """Return the motion within the limits of a joint from a position, rad, and the changes.
 
     Passes there and back are split into shorter ones of the same total duration; swings,
     speeds and torques are reduced. Plan.check refuses what cannot be adapted.

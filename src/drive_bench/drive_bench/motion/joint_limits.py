@@ -51,8 +51,7 @@ class _LimitsFile:
 
 
 def limits_of(joints: Sequence[str], path: Path | None = None) -> dict[str, JointLimits]:
-    """
-    Return limits by joint, from a file or else those of ANYmal C.
+    """Return limits by joint, from a file or else those of ANYmal C.
 
     Joints without limits are left out. The file's names may be patterns such as '*_KFE'; the
     first that fits counts. InputError for a file that does not fit its format.

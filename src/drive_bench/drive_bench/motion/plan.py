@@ -23,8 +23,7 @@ _STEP = 1e-3  # s, of the integral of speed
 
 
 class WavePath(SegmentPath):
-    """
-    Targets of a segment with a shape; in position mode after the way to its middle.
+    """Targets of a segment with a shape; in position mode after the way to its middle.
 
     Half cosines join levels of position, ramps those of speed and torque; squares of position and
     torque jump. Under torque commands the position is unknown beforehand.
@@ -127,8 +126,7 @@ class WavePath(SegmentPath):
 
 
 class Plan:
-    """
-    Targets of a whole motion for a joint that starts at a position, rad.
+    """Targets of a whole motion for a joint that starts at a position, rad.
 
     With ramps, a swing fades in and out within a period, and at the end the joint returns to
     where it carries no load.
@@ -251,8 +249,7 @@ def _settled(segment: Segment) -> Segment:
 
 
 class SegmentPlayer:
-    """
-    Player of a motion for a joint that starts at a position, rad.
+    """Player of a motion for a joint that starts at a position, rad.
 
     After a segment in velocity or torque mode the rest is planned again from the measured
     position. A segment with until_warmer ends once the winding is that much warmer than at the

@@ -1,5 +1,4 @@
-"""
-Path of one joint through one segment of a motion.
+"""Path of one joint through one segment of a motion.
 
 The mounting determines how a load acts. With a pendulum or a hung leg
 the load is what gravity gives: a held torque is the angle at which it pulls as much, and at speed
@@ -17,8 +16,7 @@ from drive_bench.motion.segments import Segment
 
 @dataclass(frozen=True)
 class Mounting:
-    """
-    Load that a drive turns.
+    """Load that a drive turns.
 
     pendulum: torque with which gravity pulls at a right angle, N·m; 0 for none. hanging: angle at
     which it hangs, rad. locked: the joint cannot turn. InputError for what cannot be.
@@ -52,8 +50,7 @@ class Mounting:
 
 @dataclass(frozen=True)
 class Ramps:
-    """
-    Limits of the transitions from one target to the next.
+    """Limits of the transitions from one target to the next.
 
     way: largest speed on the way to where a segment begins, rad/s. acceleration: of what a
     segment asks for, rad/s². torque: N·m/s at which a locked joint is loaded.
@@ -75,8 +72,7 @@ JUMPS: Final = Ramps(math.inf, math.inf, math.inf)  # no limits: targets jump, f
 
 @dataclass(frozen=True)
 class Target:
-    """
-    Command of a drive: position, rad, with velocity, rad/s, and effort, N·m, as feed-forward.
+    """Command of a drive: position, rad, with velocity, rad/s, and effort, N·m, as feed-forward.
 
     In mode velocity or torque only that is commanded; position is the expected one.
     """
@@ -88,8 +84,7 @@ class Target:
 
 
 class SegmentPath:
-    """
-    Targets of one segment and of the transition to its beginning.
+    """Targets of one segment and of the transition to its beginning.
 
     Time counts from the start of the transition, which adds to the segment's seconds.
     """

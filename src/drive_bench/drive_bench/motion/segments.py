@@ -15,8 +15,7 @@ _RUNG: Final = 2.0  # s
 
 
 class Oscillation:
-    """
-    Sine of `frequency` (Hz), or a chirp from `lowest` to it within `seconds`.
+    """Sine of `frequency` (Hz), or a chirp from `lowest` to it within `seconds`.
 
     It fades in and out within a period, unless it is abrupt.
     """
@@ -74,8 +73,7 @@ _Frequency = Annotated[float, Quantity(0.0, 100.0, 'Hz')]
 
 @schema
 class Segment:
-    """
-    One segment of a motion.
+    """One segment of a motion.
 
     rest holds still without load. velocity turns at speed (rad/s) under load (N·m). position
     swings by amplitude (rad) at frequency (Hz) about the angle of load. torque holds torque

@@ -31,8 +31,7 @@ _Action = Callable[[MotionRun, float], tuple[bool, str]]
 
 
 class MotionNode(Node):
-    """
-    Node of one motion, recorded if the options say so.
+    """Node of one motion, recorded if the options say so.
 
     done: a future of the exit code. InputError for options or parameters that cannot be met.
     """

@@ -56,8 +56,7 @@ _LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jump
 
 
 class MotionPolicy:
-    """
-    Policy that puts some drives through a motion while the others hold their initial positions.
+    """Policy that puts some drives through a motion while the others hold their initial positions.
 
     `prepare` is called first and plans from the measured pose. `velocity` and `effort` are feed
     forward, rad/s and N·m [D], or commands where `mode` says so. windings: temperatures as far

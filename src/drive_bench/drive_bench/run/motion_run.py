@@ -37,8 +37,7 @@ def present(inputs: Inputs) -> list[bool]:
 
 
 class MotionMonitor(SafetyMonitor):
-    """
-    Safety monitor that also checks speed, torque, temperature and position error of drives.
+    """Safety monitor that also checks speed, torque, temperature and position error of drives.
 
     interlock: a reason to damp although the drives are sound, such as a recorder that ended.
     """
@@ -116,8 +115,7 @@ def _exceeded(name: str, value: float, most: float, unit: str) -> Fault:
 
 @dataclass(frozen=True)
 class Command:
-    """
-    Command of the named joints: position, rad, velocity, rad/s, and effort, N·m.
+    """Command of the named joints: position, rad, velocity, rad/s, and effort, N·m.
 
     Zero velocity alone damps; joints that are not named damp, too.
     """
@@ -129,8 +127,7 @@ class Command:
 
 
 class MotionRun:
-    """
-    Motion on the joints of a robot, under the supervisor that also runs policies.
+    """Motion on the joints of a robot, under the supervisor that also runs policies.
 
     limits: by joint, at least for the drives. damp_others: a drive may leave position mode though
     other joints are present, which are then damped instead of held. fit: change a motion that
@@ -259,8 +256,7 @@ class MotionRun:
         return '' if fault is None else str(fault)
 
     def plan(self) -> None:
-        """
-        Plan from the measured pose.
+        """Plan from the measured pose.
 
         InputError if the motion leaves the limits, or is under way, since it would begin anew.
         """
@@ -313,8 +309,7 @@ class MotionRun:
         return self._supervisor.emergency_stop(now)
 
     def update(self, now: float) -> Command | None:
-        """
-        Take one step at time now, s; None while there is nothing to send.
+        """Take one step at time now, s; None while there is nothing to send.
 
         InputError if the motion leaves the limits from the initial pose.
         """

@@ -181,8 +181,7 @@ def check_new(bag: Path) -> None:
 def resolve(
     wanted: Sequence[str], joints: Sequence[str], there: Sequence[bool]
 ) -> tuple[str, ...]:
-    """
-    Return joints by name or by its end: KFE is LF_KFE where no other joint _KFE is present.
+    """Return joints by name or by its end: KFE is LF_KFE where no other joint _KFE is present.
 
     there: whether each joint is present. InputError for none or several that fit; a full name
     comes first.

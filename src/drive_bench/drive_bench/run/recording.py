@@ -28,8 +28,7 @@ _PATIENCE: Final = 30.0  # s to close a bag
 
 
 class RecorderProcess:
-    """
-    Child process of `ros2 run power_daq record`, in a session without the terminal's Ctrl-C.
+    """Child process of `ros2 run power_daq record`, in a session without the terminal's Ctrl-C.
 
     The drives have to be damped first, so the recorder is ended by `stop` only, or by itself
     after `longest` s in case that this process is killed.
@@ -71,8 +70,7 @@ class RecorderProcess:
 def file_away(
     run: MotionRun, recorder: RecorderProcess, reason: str, report: Path | None, out: TextIO
 ) -> int:
-    """
-    End the recorder, write the card, check the bag and print the table.
+    """End the recorder, write the card, check the bag and print the table.
 
     report: a JSON file for the check. Returns 1 if the recording is of no use, else 0.
     """
@@ -128,8 +126,7 @@ _SPARE: Final = 600.0  # s by which a recorder outlasts its motion at most, if t
 
 
 class MotionRecording:
-    """
-    Recording of one motion; `advance` is called at 10 Hz.
+    """Recording of one motion; `advance` is called at 10 Hz.
 
     ros: arguments for ROS that the recorder gets, such as its namespace. moved: whether the
     motion has begun.
@@ -156,8 +153,7 @@ class MotionRecording:
                 }
 
     def advance(self, run: MotionRun | None, now: float, supplied: bool) -> str:
-        """
-        Start the recorder and then the motion, once each can; return what is waited for, or ''.
+        """Start the recorder and then the motion, once each can; return what is waited for, or ''.
 
         now: s on the clock of the run. supplied: whether drive_supply has a publisher. InputError
         if they cannot start. A recorder that ends during the motion damps the drives.

@@ -53,8 +53,7 @@ class RecordingCheck:
 def check(
     bag: Path, motion: MotionFile, drive: str, limits: JointLimits, complete: bool = True
 ) -> RecordingCheck:
-    """
-    Read a bag back and compare one drive's recording with its motion.
+    """Read a bag back and compare one drive's recording with its motion.
 
     complete: whether the motion was done to its end; else nothing is short of what was asked.
     """

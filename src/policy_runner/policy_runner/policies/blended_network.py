@@ -1,5 +1,4 @@
-"""
-Networks of a policy folder, one or a blend of two.
+"""Networks of a policy folder, one or a blend of two.
 
 What saves power in balance costs falls out of it: a narrow stance and low feet. So a policy may
 bring a fallback, a second network that is hard to push over: it acts out of balance, under

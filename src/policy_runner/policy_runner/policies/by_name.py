@@ -17,8 +17,7 @@ SHIPPED: Final = Path(__file__).parents[1] / 'shipped'
 
 
 class Policy(Protocol):
-    """
-    Policy from measurements and a velocity command to joint position targets.
+    """Policy from measurements and a velocity command to joint position targets.
 
     rate: Hz of the calls of step(). ramp: s after reset() during which it moves from
     the present pose to standing and takes no commands.
@@ -75,8 +74,7 @@ POLICIES: Final = (*TROTS, *shipped())  # names of all policies
 
 
 def load_policy(source: str, *, trust_code: bool = False) -> Policy:
-    """
-    Load the policy of a name, of a folder, or of a TorchScript file.
+    """Load the policy of a name, of a folder, or of a TorchScript file.
 
     TorchScript is code and may do anything: it is loaded only with trust_code. Raises InputError,
     with the policies there are, if there is none, and with the fault of a bad one.

@@ -1,5 +1,4 @@
-"""
-Policy folders: `policy.yaml`, the contract by names, and `weights.safetensors`.
+"""Policy folders: `policy.yaml`, the contract by names, and `weights.safetensors`.
 
 Nothing in a folder is code, and everything is checked on reading.
 """
@@ -48,8 +47,7 @@ class Gains:
 
 @schema
 class Fallback:
-    """
-    Conditions in which a second network of the same sizes acts, see `blended_network.py`.
+    """Conditions in which a second network of the same sizes acts, see `blended_network.py`.
 
     Its share is the largest of three: it rises from 0 to 1 as the capture-point error goes from
     `onset` to `full`; as the second largest part of the command, each in shares of `largest`, goes
@@ -75,8 +73,7 @@ class Fallback:
 
 @schema
 class PolicyNetwork:
-    """
-    A multi-layer perceptron: widths and activation function of the hidden layers.
+    """A multi-layer perceptron: widths and activation function of the hidden layers.
 
     fallback: when a second one of the same sizes acts, of the tensors `fallback.layer0.weight`, ….
     """
@@ -98,8 +95,7 @@ class PolicyNetwork:
 
 @schema
 class Contract:
-    """
-    Inputs and outputs of a policy, by names.
+    """Inputs and outputs of a policy, by names.
 
     joints: the robot's twelve in the policy's order. default_pose (rad), gains and the action's
     scale: by joint. training: origin of the policy, free in form.

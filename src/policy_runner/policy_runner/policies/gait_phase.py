@@ -38,8 +38,7 @@ def check_cadence_adaptation(adaptation: Sequence[float], frequency: float) -> N
 
 
 def capture_point_error(velocity_error: Floats, tilt: Floats) -> Floats:
-    """
-    Return the capture-point error as a speed, m/s [...].
+    """Return the capture-point error as a speed, m/s [...].
 
     velocity_error: against the command, m/s [..., 2]; tilt: x and y of the unit vector of gravity
     in the base's frame [..., 2]. A linear inverted pendulum tilted by a small angle falls as one
@@ -64,8 +63,7 @@ def ramp(values: Floats, low: float, high: float) -> Floats:
 
 
 def cadence(frequency: Floats | float, per_speed: Floats | float, command: Floats) -> Floats:
-    """
-    Return stride frequencies without disturbance, Hz [N], at velocity commands [N, 3].
+    """Return stride frequencies without disturbance, Hz [N], at velocity commands [N, 3].
 
     frequency: at rest, Hz. per_speed: added with the size of vx, vy, Hz·s/m: the stride that costs
     least is faster at speed (docs/explanation/policies.md).
@@ -76,8 +74,7 @@ def cadence(frequency: Floats | float, per_speed: Floats | float, command: Float
 def stride_frequency(
     frequency: Floats | float, adaptation: Sequence[float], error: Floats
 ) -> Floats:
-    """
-    Return stride frequencies, Hz [...], at capture-point errors, m/s [...].
+    """Return stride frequencies, Hz [...], at capture-point errors, m/s [...].
 
     frequency: without disturbance, Hz [...] or one for all. A body falls away from its feet
     exponentially, so an earlier foothold helps most.
@@ -87,8 +84,7 @@ def stride_frequency(
 
 
 class CommandRateLimiter:
-    """
-    Rate-limited velocity commands of N robots.
+    """Rate-limited velocity commands of N robots.
 
     limits: m/s², m/s², rad/s²; empty for none. `values` holds the limited commands [N, 3].
     """
@@ -99,8 +95,7 @@ class CommandRateLimiter:
         self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
 
     def advance(self, seconds: float | Floats, commands: Floats) -> Floats:
-        """
-        Advance towards commands [N, 3] and return the limited commands [N, 3].
+        """Advance towards commands [N, 3] and return the limited commands [N, 3].
 
         seconds: one for all, or [N, 1].
         """
@@ -114,8 +109,7 @@ class CommandRateLimiter:
 
 
 class GaitPhase:
-    """
-    Gait phase of N robots, an input of learned policies.
+    """Gait phase of N robots, an input of learned policies.
 
     It advances while a velocity command asks for motion and, with cadence adaptation, while a
     standing robot has a capture-point error; it restarts at 0. Without a phase, a policy may come
@@ -146,8 +140,7 @@ class GaitPhase:
     def advance(
         self, seconds: float, limited: Floats, commands: Floats, velocity: Floats, gravity: Floats
     ) -> None:
-        """
-        Advance the phases.
+        """Advance the phases.
 
         limited, commands: velocity commands after and before rate limiting, m/s, m/s and rad/s
         [N, 3]; a command that reverses crosses zero only in the limited one, so both count.

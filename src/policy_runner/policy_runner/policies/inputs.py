@@ -14,8 +14,7 @@ NEVER = -np.inf
 
 @dataclass
 class Inputs:
-    """
-    Latest measurements, each with its time of arrival, s on the clock of the node.
+    """Latest measurements, each with its time of arrival, s on the clock of the node.
 
     A message whose stamp is not newer than the one before is not fresh. Malformed
     messages leave a complaint until a sound one of the same topic arrives.
@@ -80,8 +79,7 @@ class Inputs:
         now: float,
         acceleration: Sequence[float] | None = None,
     ) -> None:
-        """
-        Take imu: quaternion x, y, z, w of the base and its angular velocity, rad/s.
+        """Take imu: quaternion x, y, z, w of the base and its angular velocity, rad/s.
 
         acceleration: m/s², with gravity. A robot that feels none at all does not report it.
         """

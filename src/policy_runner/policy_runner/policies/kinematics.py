@@ -71,8 +71,7 @@ def forward(position: Floats) -> LegState:
 
 
 def inverse(feet: Floats) -> Floats:
-    """
-    Return joint angles, rad [..., 4, 3], for feet at places in the base's frame, m [..., 4, 3].
+    """Return joint angles, rad [..., 4, 3], for feet at places in the base's frame, m [..., 4, 3].
 
     Knees point inwards as in DEFAULT_POSE. Places out of reach give the nearest straight leg.
     """
@@ -85,8 +84,7 @@ def inverse(feet: Floats) -> Floats:
 
 
 def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
-    """
-    Return joint torques that compensate the legs' own weight, N·m [..., 4, 3].
+    """Return joint torques that compensate the legs' own weight, N·m [..., 4, 3].
 
     angles: rad [..., 4, 3]. gravity: its direction in the base's frame, unit vector [..., 3].
     """
@@ -109,8 +107,7 @@ def stance_torque(
     spin: Floats,
     velocity_error: Floats,
 ) -> Floats:
-    """
-    Return joint torques of the stance legs of N robots, N·m [N, 4, 3].
+    """Return joint torques of the stance legs of N robots, N·m [N, 4, 3].
 
     Normal forces are the least-squares ones that give weight, height and levelling together;
     horizontal ones are in proportion to them. gains: those of `Feedback` by name, [N] each. load:

@@ -20,8 +20,7 @@ _RISE: Final = 0.006  # m above the lowest foot at which a foot counts half
 
 
 class BaseVelocity:
-    """
-    Complementary filter: integration of the accelerometer, corrected by stance feet.
+    """Complementary filter: integration of the accelerometer, corrected by stance feet.
 
     A foot that stands moves, seen from the base, as the ground does; the lowest foot stands, and
     so does one that is hardly higher.
@@ -46,8 +45,7 @@ class BaseVelocity:
         *,
         acceleration: Floats | None = None,
     ) -> Floats:
-        """
-        Return the velocity in the base's frame, m/s [3].
+        """Return the velocity in the base's frame, m/s [3].
 
         position rad [12], joint_velocity rad/s [12], gravity unit vector [3], rate rad/s [3], and
         acceleration (with gravity, as an IMU feels it) m/s² [3] if known.
@@ -84,8 +82,7 @@ _EARLY: Final = 0.25  # share of a period by which a step may come early
 
 
 class LearnedPolicy:
-    """
-    Learned policy: stands up to the default pose, then acts at the contract's rate.
+    """Learned policy: stands up to the default pose, then acts at the contract's rate.
 
     Called more often than that, it holds its targets. A base velocity that is not measured is
     estimated from legs and IMU.

@@ -15,8 +15,7 @@ _PUSH_LIMIT: Final = 120.0  # N, horizontal, of all feet
 def forward_steps(
     legs: Floats, thigh: float, shank: float, angles: Floats, feet: Floats, jacobian: Floats
 ) -> None:
-    """
-    Write feet, m [N, 4, 3], and Jacobians, m/rad [N, 4, 3, 3], at angles, rad [N, 4, 3].
+    """Write feet, m [N, 4, 3], and Jacobians, m/rad [N, 4, 3, 3], at angles, rad [N, 4, 3].
 
     legs [6, 4]: hip x, y and z, offset ahead and aside, m, bend of the shank, rad.
     """
@@ -54,8 +53,7 @@ def inverse_steps(
     feet: Floats,
     angles: Floats,
 ) -> None:
-    """
-    Write joint angles, rad [N, 4, 3], for feet at places in the base's frame, m [N, 4, 3].
+    """Write joint angles, rad [N, 4, 3], for feet at places in the base's frame, m [N, 4, 3].
 
     legs: as of `forward_steps`; front [4]: 1 for front legs, −1 for hind ones; nearest, farthest:
     reach of a leg, m.
@@ -82,8 +80,7 @@ def inverse_steps(
 def weight_steps(
     legs: Floats, masses: Floats, angles: Floats, pull: Floats, torque: Floats
 ) -> None:
-    """
-    Write the torques that carry the legs' own weight, N·m [N, 4, 3], at angles, rad [N, 4, 3].
+    """Write the torques that carry the legs' own weight, N·m [N, 4, 3], at angles, rad [N, 4, 3].
 
     legs [2, 4]: moment aside, kg·m, and the shank's centre ahead, m. masses: thigh and shank, kg;
     thigh's length, its centre's share of it and the shank's centre along z, m. pull: of gravity in
@@ -124,8 +121,7 @@ def stance_steps(
     error: Floats,
     torque: Floats,
 ) -> None:
-    """
-    Write joint torques of stance legs, N·m [N, 4, 3]; see `stance_torque.stance_torque`.
+    """Write joint torques of stance legs, N·m [N, 4, 3]; see `stance_torque.stance_torque`.
 
     gains [6, N]: height, tilt, tilt_rate, velocity, yaw, and the commanded height, m. weight: N;
     radius: of a foot, m.

@@ -66,8 +66,7 @@ class ObservationTerm:
 
 @schema
 class Observation:
-    """
-    Terms in the order of the network's inputs, scaled, then clipped to ±clip.
+    """Terms in the order of the network's inputs, scaled, then clipped to ±clip.
 
     stride_frequency: of gait_clock at rest, Hz; frequency_per_speed: what a command of vx and vy
     adds to it. cadence_adaptation: see

@@ -91,8 +91,7 @@ SUFFIXES = ('.pt', '.pth', '.jit', '.ts')
 
 
 def load_torchscript(file: Path, *, trust_code: bool = False) -> LearnedPolicy:
-    """
-    Load a scripted or traced module from observation [1, size] to action [1, 12].
+    """Load a scripted or traced module from observation [1, size] to action [1, 12].
 
     NAME.yaml or policy.yaml beside NAME.pt holds the contract as in a policy folder, without
     `network`. Raises InputError, which names the file and the entry, and without trust_code.
@@ -114,8 +113,7 @@ def load_torchscript(file: Path, *, trust_code: bool = False) -> LearnedPolicy:
 
 
 def write_torchscript(folder: Path, file: Path) -> Path:
-    """
-    Write the network of a policy folder as TorchScript [N, size] → [N, 12]; return its contract.
+    """Write the network of a policy as TorchScript [N, size] → [N, 12]; return its contract.
 
     The contract NAME.yaml beside NAME.pt says how observations are made and what actions mean.
     InputError names what is wrong in the folder.

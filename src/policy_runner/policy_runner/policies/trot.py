@@ -1,5 +1,4 @@
-"""
-Scripted trot: diagonal legs swing in turn; the output is joint position targets.
+"""Scripted trot: diagonal legs swing in turn; the output is joint position targets.
 
 It stands in for the paper's standard controller in data collection (Section II-A): velocity
 commands and disturbances excite the drives, without learning.
@@ -48,8 +47,7 @@ _LONGEST_STEP: Final = 0.05  # s
 
 
 class ScriptedTrots:
-    """
-    Trot controllers of N robots, each with its own gait, from velocity commands to joint targets.
+    """Trot controllers of N robots, each of its own gait, from velocity commands to joint targets.
 
     Feet follow a plan in the base's frame: stance feet move back with the commanded velocity,
     swing feet move to the centre of the next stance, shifted by the velocity error (Raibert).
@@ -134,8 +132,7 @@ class ScriptedTrots:
         angular_velocity: Floats,
         base_velocity: Floats | None = None,
     ) -> Floats:
-        """
-        Return joint position targets, rad [N, 12]; to be called at 50 to 400 Hz.
+        """Return joint position targets, rad [N, 12]; to be called at 50 to 400 Hz.
 
         time: s, of the measurements. velocity_command: vx, vy in m/s, yaw rate in rad/s [N, 3].
         joint_position: rad [N, 12]. gravity_in_base: unit vectors, (0, 0, -1) when level [N, 3].

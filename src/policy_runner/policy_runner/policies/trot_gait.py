@@ -22,8 +22,7 @@ _SHIFT_WEIGHT: Final = 0.06
 
 @dataclass(frozen=True)
 class Feedback:
-    """
-    Feedback gains of the body's tilt, height and velocity; InputError for one out of range.
+    """Feedback gains of the body's tilt, height and velocity; InputError for one out of range.
 
     foothold: of foot placement by the velocity error. velocity, yaw: of stance feet. yielding:
     share of the velocity error that stance feet give way to. settle: rate at which uneven feet
@@ -46,8 +45,7 @@ class Feedback:
 
 @dataclass(frozen=True)
 class TrotConfig:
-    """
-    Shape of the gait and gains of the drives; InputError for a value out of range.
+    """Shape of the gait and gains of the drives; InputError for a value out of range.
 
     frequency: of strides, at rest and without disturbance; frequency_per_speed: what a command
     adds to it. cadence_adaptation: see `gait_phase.CADENCE_ADAPTATION`; empty for none.
@@ -155,8 +153,7 @@ class GaitCycle:
     def advance(
         self, dt: Floats, frequency: Floats, duty: Floats, *, requested: Bools, settled: Bools
     ) -> None:
-        """
-        Advance by dt s at a stride frequency, Hz, and a duty [N].
+        """Advance by dt s at a stride frequency, Hz, and a duty [N].
 
         requested: a command or a disturbance calls for steps. settled: body and feet are where
         they should be, so that standing is safe [N]. Walking ends with all feet down, after half a
@@ -190,8 +187,7 @@ _SOFTEST: Final = 0.02  # squared distance below which a gait rules alone
 
 @dataclass(frozen=True)
 class GaitTable:
-    """
-    A trot for each of K velocity commands.
+    """A trot for each of K velocity commands.
 
     Their frequency is not blended: a policy's gait clock follows one line over speed. Commands
     mean their mirror images too. InputError for fewer than two.

@@ -14,8 +14,7 @@ _KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
 
 @dataclass(frozen=True)
 class CommandRange:
-    """
-    Range of random commands; InputError for values out of range.
+    """Range of random commands; InputError for values out of range.
 
     period: mean time between commands. ramp: duration of the transition between commands.
     weights: of standing, forward, lateral, turning and mixed walking.
@@ -73,8 +72,7 @@ class SteadyCommand:
 
 
 class RandomCommands:
-    """
-    Random (vx, vy, yaw rate) over time, determined by the seed.
+    """Random (vx, vy, yaw rate) over time, determined by the seed.
 
     Stretches of forward, sideways, turning and mixed walking follow each other, with stretches
     of standing between; the first second stands.

@@ -41,8 +41,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class SafetyConfig:
-    """
-    Safety limits; InputError for one that is not positive.
+    """Safety limits; InputError for one that is not positive.
 
     stale_after: age of joint_states and imu, s. command_timeout: age at which a velocity command
     turns into zero, s. tilt: of the base from level, rad. joint_margin: measured angle beyond a

@@ -24,8 +24,7 @@ FADE: Final = 0.4  # s to go over from the targets of one to those of the other
 
 
 class Handover:
-    """
-    Handover by a zero command until the robot stands, then a fade between the targets.
+    """Handover by a zero command until the robot stands, then a fade between the targets.
 
     It begins at time `now`, s; until it is done no commands are taken.
     """
@@ -74,8 +73,7 @@ class SupervisorOutput:
 
 
 class Supervisor:
-    """
-    Supervisor that runs a policy and damps from the first fault on.
+    """Supervisor that runs a policy and damps from the first fault on.
 
     restart_after: s of sound inputs after which it starts again by itself, 0 for never; an
     emergency stop always waits for stop() and then start(). source: velocity commands by time
@@ -146,8 +144,7 @@ class Supervisor:
         return True, 'damping'
 
     def change(self, policy: Policy, now: float) -> tuple[bool, str]:
-        """
-        Run another policy from now on, or from the next start; return whether, and the procedure.
+        """Run another policy from now on, or the next start; return whether, and the procedure.
 
         A robot that walks comes to a stand first, and takes no commands until the new one runs.
         """
@@ -160,8 +157,7 @@ class Supervisor:
         return True, 'the policy is changed'
 
     def update(self, now: float) -> SupervisorOutput | None:
-        """
-        Take one step at time now, s; None while there is nothing to send.
+        """Take one step at time now, s; None while there is nothing to send.
 
         A step that itself comes late, after a stall of this process, cannot tell a silent robot
         from messages that wait to be read: staleness is then judged by the next one.
@@ -265,8 +261,7 @@ _LATE: Final = 1.5  # periods
 
 
 class LoopTiming:
-    """
-    Counter of missed periods, with the durations of recent steps.
+    """Counter of missed periods, with the durations of recent steps.
 
     period: s between steps. A step that begins over 1.5 periods after the last one has missed the
     periods between.

@@ -1,5 +1,4 @@
-"""
-Drives of N robots at the time step of training.
+"""Drives of N robots at the time step of training.
 
 The same loop as `sim_bridge.plant.drive`: PD on the joint's position and the rotor's speed, gear
 friction on the rotor, the series spring between rotor and joint, and a delay that differs
@@ -23,8 +22,7 @@ _RIGID: Final = 4000.0  # N·m/rad, of a drive without a spring
 
 
 class BatchDrives:
-    """
-    N robots' drives, [N, 12] each.
+    """N robots' drives, [N, 12] each.
 
     What a spring hands to its joint in a time step depends on where the joint goes meanwhile.
     The part of its torque that grows with the joint's speed is therefore left to the rigid
@@ -89,8 +87,7 @@ class BatchDrives:
         self._age = 0
 
     def push(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """
-        Advance the rotors by one time step, with joints at positions, rad, and speeds, rad/s.
+        """Advance the rotors by one time step, with joints at positions, rad, and speeds, rad/s.
 
         Returns the mean torque of the motors and, less what `joint_damping` makes of the joint's
         speed after the step, that on the joints, both N·m.

@@ -62,8 +62,7 @@ class StepOutcome:
 
 
 class WalkingEnvironment:
-    """
-    N robots that are rewarded for following velocity commands.
+    """N robots that are rewarded for following velocity commands.
 
     power: watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
@@ -116,8 +115,7 @@ class WalkingEnvironment:
         return self._clean() + self._sensor_noise
 
     def state(self) -> Singles:
-        """
-        Return the inputs of a critic [N, size + 11].
+        """Return the inputs of a critic [N, size + 11].
 
         The observation without noise, load on each foot in units of half the weight, its time in
         the air, s, and the command before rate limiting, m/s, m/s and rad/s.

@@ -18,8 +18,7 @@ _JOINTS: Final = len(JOINT_NAMES)
 
 
 class PlantPower:
-    """
-    Watts of the drives of N robots, from the air-gap torque and rotor speed of each time step.
+    """Watts of the drives of N robots, from the air-gap torque and rotor speed of each time step.
 
     The circuit of `sim_bridge` with windings at the plant's initial temperature and the bus at
     its nominal voltage. It sees what no robot measures: an estimate in a reward can at best be as

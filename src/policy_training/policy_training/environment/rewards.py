@@ -112,8 +112,7 @@ class FootClock:
         self._touched[ids] = True
 
     def land(self, force: Floats) -> Floats:
-        """
-        Advance by one step; return the summed time in the air beyond the target, s [N].
+        """Advance by one step; return the summed time in the air beyond the target, s [N].
 
         Only feet that land now count. force: on the feet, N [N, 4].
         """

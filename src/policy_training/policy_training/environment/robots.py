@@ -79,8 +79,7 @@ class Relief:
         self.reach = self._half - _RIM
 
     def at(self, where: Floats) -> tuple[Floats, Floats]:
-        """
-        Return height, m [...], and slope along x and y [..., 2] at places x, y in m [..., 2].
+        """Return height, m [...], and slope along x and y [..., 2] at places x, y in m [..., 2].
 
         Each cell is two triangles that meet between its corners at low x, low y and at high x,
         high y, as in MuJoCo's height fields.
@@ -139,8 +138,7 @@ class Substep:
 
 
 class Robots:
-    """
-    N simulated robots.
+    """N simulated robots.
 
     Friction of the ground, payload, and rotors and friction of the drives are drawn once for each
     robot; its initial state is drawn at each start. substeps: signals of the drives in the time

@@ -35,8 +35,7 @@ class TorchEnvironment(VecEnv):
     def step(
         self, actions: torch.Tensor
     ) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
-        """
-        Return observations, rewards, ends of episodes and, of these, time-outs.
+        """Return observations, rewards, ends of episodes and, of these, time-outs.
 
         A new command or a push ends an episode as a time-out does, though the robot
         continues: its consequences are not due to the actions before, and with a few hundred
@@ -57,8 +56,7 @@ class TorchEnvironment(VecEnv):
 
 
 class Mirror:
-    """
-    Mirror images of observations and actions, left for right.
+    """Mirror images of observations and actions, left for right.
 
     Called as rsl-rl's symmetry extension calls it, with observations and actions or None.
     """

@@ -102,8 +102,7 @@ _NORMAL_90: Final = 1.645
 def score_walk(
     walk: MeasuredWalk, idle: float, models: Mapping[str, PowerModel]
 ) -> dict[str, Any]:
-    """
-    Return the entry of `evaluate`'s JSON for a walk; idle: power of all drives at rest, W.
+    """Return the entry of `evaluate`'s JSON for a walk; idle: power of all drives at rest, W.
 
     power_w: `supply` is the power of the bench supply, `electronics` the part that does not reach
     the drives' meters, `idle` the drives at rest, and each joint type that of its four drives

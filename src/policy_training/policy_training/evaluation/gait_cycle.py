@@ -91,8 +91,7 @@ def gait_of(walk: MeasuredWalk) -> Gait:
 
 
 def loudness(walk: MeasuredWalk) -> float:
-    """
-    Return a proxy of Figure 7's sound level, dB, from the rate of the foot forces.
+    """Return a proxy of Figure 7's sound level, dB, from the rate of the foot forces.
 
     Ten times the logarithm of the mean square of the forces' rate, over (1 kN/s)²; what radiates
     sound is the change of force at impact. NaN without steady walking.

@@ -57,8 +57,7 @@ def measure_walk(
     on_rough: bool = False,
     trust_code: bool = False,
 ) -> MeasuredWalk:
-    """
-    Run a policy (a name or a folder) on a task and measure it.
+    """Run a policy (a name or a folder) on a task and measure it.
 
     Offline, through the wire's quantisation and the meter, as a recording would have it. Only
     stretches of constant velocity are marked as steady (Section II-B). InputError for a policy
@@ -96,8 +95,7 @@ def walk_of(
 
 
 def recorded_walk(path: Path, policy: str) -> MeasuredWalk:
-    """
-    Return the walk of a bag of the running nodes; its task is the most frequent command.
+    """Return the walk of a bag of the running nodes; its task is the most frequent command.
 
     InputError for a bag that lacks a topic, or never commands to move.
     """

@@ -38,8 +38,7 @@ class RobustnessConfig:
 
 @dataclass(frozen=True)
 class RobustnessResult:
-    """
-    Falls and tracking errors.
+    """Falls and tracking errors.
 
     Errors are of the mean velocity under one command, without the first 2 s and the 2 s after
     a push: their mean size and the 95th percentile.
@@ -65,8 +64,7 @@ def evaluate_robustness(
     threads: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> RobustnessResult:
-    """
-    Evaluate a learned policy with the noise, spread of drives, delays and pushes of training.
+    """Evaluate a learned policy with the noise, spread of drives, delays and pushes of training.
 
     progress: called with the share that is done. InputError for a policy whose joints, pose or
     scale differ from those of training.

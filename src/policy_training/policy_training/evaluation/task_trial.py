@@ -1,5 +1,4 @@
-"""
-Trials of controllers on the tasks: power, tracking and falls of calm and of pushed robots.
+"""Trials of controllers on the tasks: power, tracking and falls of calm and of pushed robots.
 
 Many controllers walk side by side, each on robots of its own; the same seed gives all of them the
 same robots and pushes. Much faster than `evaluate`, and without its meter, supply and sensors: for
@@ -68,8 +67,7 @@ class TaskTrial:
         tasks: Sequence[Task] = TASKS,
         as_built: bool = False,
     ) -> None:
-        """
-        Prepare the robots.
+        """Prepare the robots.
 
         observation, action_scale: of a learned policy. as_built: no spread between robots, which
         shakes the watts of two of them by more than gaits differ.

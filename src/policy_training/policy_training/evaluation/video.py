@@ -1,5 +1,4 @@
-"""
-Animated pictures of a walk: the robot beside the watts of its drives.
+"""Animated pictures of a walk: the robot beside the watts of its drives.
 
 The robot is drawn offscreen, in the poses of the recording; its watts are those of the meter.
 """
@@ -163,8 +162,7 @@ class _Panels:
 
 
 def frames(walk: Recording, clip: Clip, model: PowerModel | None = None) -> Iterator[Image]:
-    """
-    Yield the picture's frames: the robot on the left, its watts on the right.
+    """Yield the picture's frames: the robot on the left, its watts on the right.
 
     model: whose estimate is drawn over the measured power, or None. InputError for a walk that is
     shorter than the clip.

@@ -16,8 +16,7 @@ _SAME: Final = ('rate', 'joints', 'default_pose', 'gains', 'action', 'network')
 
 
 def blend_policies(first: Path, second: Path, fallback: Fallback, folder: Path, name: str) -> None:
-    """
-    Write a policy that acts as the first, and as the second where `fallback` says so.
+    """Write a policy that acts as the first, and as the second where `fallback` says so.
 
     What both observe has to be the same, but one may observe more than the other, such as a gait
     clock; the observation is that one's, or the first's. InputError names what differs.

@@ -42,8 +42,7 @@ class CommandGait:
 
 @schema
 class GaitFile:
-    """
-    A gait as a change of a named one.
+    """A gait as a change of a named one.
 
     values: entries of `TrotConfig` by name. by_command: what differs at two or more commands,
     between which gaits are blended. found: what the search measured, for people.
@@ -118,8 +117,7 @@ def with_clock_of_gait(config: TrainingConfig) -> TrainingConfig:
 
 
 def join_searches(folders: Sequence[Path]) -> dict[str, Any]:
-    """
-    Return the content of a gait file from searches of one task each.
+    """Return the content of a gait file from searches of one task each.
 
     The clock has one line over speed, the nearest to the frequencies of all. InputError for fewer
     than two searches, one of all tasks, two of the same, and those of different bases.

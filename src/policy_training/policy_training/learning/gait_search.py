@@ -1,5 +1,4 @@
-"""
-Search of the scripted gait that draws least power, by CMA-ES.
+"""Search of the scripted gait that draws least power, by CMA-ES.
 
 Each candidate walks all tasks, calm and pushed. Its cost is the mean power of the drives on calm
 robots plus penalties in watts for tracking errors and for falls of pushed robots: a gait is a
@@ -100,8 +99,7 @@ def to_point(gait: TrotConfig, searched: Sequence[str] = tuple(RANGES)) -> Float
 
 
 class GaitSearch:
-    """
-    CMA-ES over gaits, seeded and repeatable: a search goes on from the costs of its generations.
+    """CMA-ES over gaits, seeded, repeatable: a search goes on from the costs of its generations.
 
     A generation is told by its costs alone, since the candidates follow from the seed and the
     costs before.
@@ -161,8 +159,7 @@ class GaitTrial:
         self._pushed = TaskTrial(config.trial, gaits, threads, tasks=config.tasks)
 
     def scores(self, gaits: Sequence[TrotConfig], seed: int) -> list[TrialScore]:
-        """
-        Return power and tracking of calm robots, and falls of those with the seed's pushes.
+        """Return power and tracking of calm robots, and falls of those with the seed's pushes.
 
         Costs have an eighth of the others' on top: a gait must suit robots that differ, too.
         """

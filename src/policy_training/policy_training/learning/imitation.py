@@ -1,5 +1,4 @@
-"""
-Imitation of an expert policy, a scripted trot, before PPO.
+"""Imitation of an expert policy, a scripted trot, before PPO.
 
 From random networks, PPO with a few hundred robots stands still for millions of steps: feet that
 chatter cost more than they gain. So the policy first learns the trot's actions for its own
@@ -43,8 +42,7 @@ def imitate(
     mirror: Mirror,
     report: Callable[[float], None] = lambda share: None,
 ) -> float:
-    """
-    Fit a network (observations [n, size] → actions [n, 12]) to the gait of `config.imitation`.
+    """Fit a network (observations [n, size] → actions [n, 12]) to the gait of `config.imitation`.
 
     report: called with the share that is done. Returns the RMS error of the actions in the last
     round.

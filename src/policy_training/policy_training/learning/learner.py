@@ -37,8 +37,7 @@ class Round:
 
 
 class Learner:
-    """
-    Seeded PPO with checkpoints, dicts of tensors and numbers.
+    """Seeded PPO with checkpoints, dicts of tensors and numbers.
 
     device: of the network and its learning, `cpu` or `cuda`; the robots stay on the CPU.
     """
@@ -115,8 +114,7 @@ class Learner:
         self._observations = self._torch_environment.get_observations()
 
     def take_networks(self, state: dict[str, Any]) -> None:
-        """
-        Start from the networks of another run, with the exploration of the config.
+        """Start from the networks of another run, with the exploration of the config.
 
         The reference policy is that of the run, or its policy where it has none. InputError for
         another observation or other sizes; commands may be rate-limited otherwise, which changes
@@ -202,8 +200,7 @@ class Learner:
         ]
 
     def _act(self) -> torch.Tensor:
-        """
-        Draw actions; robots in a calm spell take the mean action.
+        """Draw actions; robots in a calm spell take the mean action.
 
         A policy whose every action is noisy may learn to rely on the noise: it walked in training
         and stood still on the robot.
@@ -238,8 +235,7 @@ class Learner:
         return {'urgent': share, 'from_reference': error}
 
     def _fit_critic(self) -> None:
-        """
-        Fit the critic to the round's returns at a learning rate of its own.
+        """Fit the critic to the round's returns at a learning rate of its own.
 
         PPO has one rate for both, with little exploration a hundredth of that which a critic
         needs; a critic that lags behind makes the advantages noisy.
@@ -284,8 +280,7 @@ class Learner:
 
 
 def _clip_advantages(advantages: torch.Tensor, most: float) -> None:
-    """
-    Clip normalised advantages [T, N, 1] to ±most in place, and normalise them again.
+    """Clip normalised advantages [T, N, 1] to ±most in place, and normalise them again.
 
     A fall is worth tens of standard deviations; a few hundred robots would learn of nothing else.
     """

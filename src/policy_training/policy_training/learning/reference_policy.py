@@ -1,5 +1,4 @@
-"""
-Anchoring of a policy to a reference policy where robots are out of balance.
+"""Anchoring of a policy to a reference policy where robots are out of balance.
 
 A few hundred robots fall too seldom for PPO to learn from it what keeps a robot up: it trades
 that for a little less torque while nothing disturbs it. So PPO improves the gait in balance; out
@@ -27,8 +26,7 @@ _BATCHES: Final = 4
 
 
 class ReferencePolicy:
-    """
-    Reference of a network (observations [n, size] → actions [n, 12]): the network as it is now.
+    """Reference of a network (observations [n, size] → actions [n, 12]): the network as it is now.
 
     Rows count in proportion to the urgency that `observation.cadence_adaptation` gives for the
     true state, from a least one on; gait phases themselves go by the sensors. tolerance: of the
@@ -52,8 +50,7 @@ class ReferencePolicy:
         self._least_urgency = least_urgency
 
     def anchor(self, observations: torch.Tensor, states: torch.Tensor) -> tuple[float, float]:
-        """
-        Pull the network back on observations [n, size] out of balance.
+        """Pull the network back on observations [n, size] out of balance.
 
         states: the same without noise [n, size or more]. Returns the share of rows that count,
         and the weighted RMS error of their actions before this.

@@ -22,8 +22,7 @@ EVENTS: Final = 'tensorboard'
 
 
 class RunFolder:
-    """
-    Files of one run.
+    """Files of one run.
 
     Checkpoints hold tensors and numbers only and are read without unpickling objects; each
     replaces the one before at once, so that a run that is killed goes on from its last one.

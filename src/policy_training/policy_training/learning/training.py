@@ -35,8 +35,7 @@ def export_policy(
     observation: Observation,
     training: Mapping[str, Any],
 ) -> None:
-    """
-    Write `policy.yaml` and `weights.safetensors`.
+    """Write `policy.yaml` and `weights.safetensors`.
 
     layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
     training: origin of the policy, for people.

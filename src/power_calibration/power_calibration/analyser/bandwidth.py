@@ -33,8 +33,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Loss:
-    """
-    Power of the reference above a frequency.
+    """Power of the reference above a frequency.
 
     above: Hz; rms: W, of power above it; total: W, RMS of all alternating power; mean: W, of the
     product of fast voltage and fast current, None where the log has not both.
@@ -51,8 +50,7 @@ class Loss:
 def response_of_drive(
     ours: Curve, reference: Curve, clock: Clock, seed: int = 0
 ) -> Response | None:
-    """
-    Compare one signal of ours with the reference's, both as sampled; None if too short.
+    """Compare one signal of ours with the reference's, both as sampled; None if too short.
 
     A reference of at least 2.5 times our rate is used up to 0.45 of our rate, a slower one up to a
     tenth of its own. Rows of the analyser may be samples or means over their period: the −3 dB

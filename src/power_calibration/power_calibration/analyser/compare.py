@@ -40,8 +40,7 @@ class SignalPair:
         return fit_reference(self._ours, self._reference, match, self._rate)
 
     def aliases(self, clock: Clock, period: float) -> Floats:
-        """
-        Return what sampling at a period in s aliases into the band of the fit, RMS [K].
+        """Return what sampling at a period in s aliases into the band of the fit, RMS [K].
 
         It is that of the reference, damped as by a first-order filter at a third of the meter's
         rate; 0 for a reference under 2.5 times that rate, which does not show it.
@@ -95,8 +94,7 @@ _ALIASED = 5e-4  # part of a gain above which aliasing is reported
 def compare_with_analyser(
     measured: MeasuredDrive, log: Log, progress: Callable[[str], None] = lambda text: None
 ) -> AnalyserComparison:
-    """
-    Align a log with a recording and estimate the corrections of its channels.
+    """Align a log with a recording and estimate the corrections of its channels.
 
     InputError where they do not overlap or correlate, with the best correlation that was found,
     and for gains outside 0.5..2, which indicate another unit.

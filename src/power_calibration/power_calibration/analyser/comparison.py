@@ -26,8 +26,7 @@ _LOWEST_BANDWIDTH = 0.2  # of our sampling rate, of a meter that is not itself a
 
 
 def row_kind(ours: Curve, reference: Curve, clock: Clock, period: float) -> RowKind | None:
-    """
-    Compare two hypotheses on the rows of a reference by their residuals; None if neither wins.
+    """Compare two hypotheses on the rows of a reference by their residuals; None if neither wins.
 
     Both curves hold the same K channels as sampled; period: s between rows. Under either
     hypothesis ours = slope·reference + level + bend·reference'', with one side averaged over the
@@ -215,8 +214,7 @@ def powers(
     rate: float,
     row_kind: RowKind | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """
-    Return times in s [T], our power before and after [T, 2] and the reference's [T], in W.
+    """Return times in s [T], our power before and after [T, 2] and the reference's [T], in W.
 
     All are low-passed to a rate in Hz. Where the log lacks voltage or current, ours after
     correction takes its place. NaN in gaps.

@@ -35,8 +35,7 @@ class Curve:
         stops: Iterable[int],
         period: float,
     ) -> 'Curve':
-        """
-        Make a curve from samples [N, K] and the first and last + 1 of each run.
+        """Make a curve from samples [N, K] and the first and last + 1 of each run.
 
         Signals faster than 8 kHz are averaged to 4 kHz or a little more.
         """
@@ -63,8 +62,7 @@ class Curve:
         return Curve(tuple((time, values[:, chosen]) for time, values in self.runs), self.period)
 
     def filtered(self, taps: Floats, every: int = 1) -> 'Curve':
-        """
-        Return the curve through a centred FIR filter, of which every n-th sample is kept.
+        """Return the curve through a centred FIR filter, of which every n-th sample is kept.
 
         Each run loses half the filter at both ends; runs that are too short are left out.
         """
@@ -79,8 +77,7 @@ class Curve:
         return Curve(tuple(runs), self.period * every)
 
     def low_passed(self, rate: float, *, mean: float = 0.0, interpolate: bool = True) -> 'Curve':
-        """
-        Return the curve limited to what a signal sampled at `rate` Hz can hold.
+        """Return the curve limited to what a signal sampled at `rate` Hz can hold.
 
         The filter is a windowed sinc, flat to a quarter of the rate and 60 dB down from half of it
         on. It is the same function of time at any period of the curve, so that two curves are
@@ -151,8 +148,7 @@ _SEPARATION = 0.04  # s between candidates
 
 @dataclass(frozen=True)
 class Match:
-    """
-    A possible position of a log in a recording.
+    """A possible position of a log in a recording.
 
     offset: s added to the log's time at `centre` (the log's own time, s); drift: by how much the
     log's clock runs too fast (1); correlation over the overlap, whose length is in s.
@@ -166,8 +162,7 @@ class Match:
 
 
 def matches(ours: Curve, reference: Curve) -> tuple[list[Match], Match]:
-    """
-    Return the best matches of a reference curve with ours, best first, and the most negative.
+    """Return the best matches of a reference curve with ours, best first, and the most negative.
 
     Both hold one signal, low-passed to RATE. The list is empty where they overlap nowhere for 3 s.
     Scores are Fisher's z of the correlation times the root of the overlap, so that a short overlap

@@ -40,8 +40,7 @@ _EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
 @dataclass(frozen=True)
 class Log:
-    """
-    N rows of an analyser with ascending stamps, in runs without gaps or rows left out.
+    """N rows of an analyser with ascending stamps, in runs without gaps or rows left out.
 
     voltage (V), current (A), power (W): [N] or None where the file has no such column.
     """
@@ -85,8 +84,7 @@ class Log:
     def read(
         cls, path: Path, columns: str = '', progress: Callable[[int], None] = lambda size: None
     ) -> 'Log':
-        """
-        Read a CSV file; columns: `time=NAME,voltage=NAME[*scale],…`, sniffed if empty.
+        """Read a CSV file; columns: `time=NAME,voltage=NAME[*scale],…`, sniffed if empty.
 
         A name is that of the header or a column's number from 1. Raises InputError for a file
         that cannot be read or understood, has under 100 rows of use, is constant or clipped.
@@ -235,8 +233,7 @@ def _checked(path: Path, names: Sequence[str], rows: Floats, told: Sequence[str]
 def _regular(
     path: Path, time: Floats, left_out: Bools
 ) -> tuple[Floats, float, NDArray[np.intp], NDArray[np.intp]]:
-    """
-    Stamps without the rounding of their print, the period, and the runs between gaps.
+    """Stamps without the rounding of their print, the period, and the runs between gaps.
 
     left_out: rows were left out after the row [N − 1]; a run ends there, as at any step that
     neither rounding nor jitter explains. A log of 20 kHz is often printed in ms: stamps are laid

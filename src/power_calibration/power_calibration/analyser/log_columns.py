@@ -21,8 +21,7 @@ _ZONE = re.compile(r' ?(Z|UTC|[+-]\d\d:?\d\d)$')
 def read_columns(
     file: DelimitedFile, names: Sequence[str], progress: Progress
 ) -> tuple[Floats, tuple[str, ...]]:
-    """
-    Return the named columns, the first of which is time, [N, K], and notes on what was left out.
+    """Return the named columns, time first, [N, K], and notes on what was left out.
 
     Fields that are no numbers are NaN. Dates are s since 1970 in UTC (without a zone as if they
     were UTC), times of day s since midnight. InputError for a time in another form.

@@ -37,8 +37,7 @@ class MeasuredDrive:
 
     @classmethod
     def of(cls, recording: Recording, drive: str | None) -> 'MeasuredDrive':
-        """
-        Take one drive of a recording, its only one if None.
+        """Take one drive of a recording, its only one if None.
 
         InputError for a drive that was not measured, whose current is constant, or whose samples
         are out of range or NaN in over 5 %.

@@ -25,8 +25,7 @@ def blocks_of(time: Floats) -> NDArray[np.intp]:
 
 
 def left_out(jacobian: Floats, residual: Floats, owner: NDArray[np.intp]) -> Floats:
-    """
-    Solve jacobian [R, P] · change = residual [R] without each block in turn: changes [B, P].
+    """Solve jacobian [R, P] · change = residual [R] without each block in turn: changes [B, P].
 
     Columns of zeros stay at 0. The spread of the changes is the sandwich estimate CR3, which
     includes any correlation of the residuals within a block.
@@ -87,8 +86,7 @@ class IntervalEstimate:
 
 @dataclass(frozen=True)
 class Clock:
-    """
-    Mapping from the reference's time t to ours: t + offset + (t − centre)·(1/(1 + drift) − 1).
+    """Mapping from the reference's time t to ours: t + offset + (t − centre)·(1/(1 + drift) − 1).
 
     offset holds at centre (s, of the reference's clock).
     """
@@ -114,8 +112,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class ReferenceFit:
-    """
-    Clock and K channels, where true = gain·ours + level for slow signals.
+    """Clock and K channels, where true = gain·ours + level for slow signals.
 
     fixed: levels that cannot be told from their gains, held at 0. noise: standard deviation of the
     residual [K], in V or A.
@@ -137,8 +134,7 @@ class ReferenceFit:
 
 
 def fit_reference(ours: Curve, reference: Curve, match: Match, rate: float) -> ReferenceFit | None:
-    """
-    Refine a match and fit the channels; None where under 3 s of the overlap remain.
+    """Refine a match and fit the channels; None where under 3 s of the overlap remain.
 
     Both curves hold the same K channels, low-passed to `rate` Hz. The noisier signal, ours, is the
     dependent variable, so that noise does not flatten the slope:
@@ -193,8 +189,7 @@ class _Problem:
 
 
 def with_aliases(found: ReferenceFit, aliases: Floats) -> ReferenceFit:
-    """
-    Return the fit with intervals that allow for what our sampling aliases into the band, RMS [K].
+    """Return the fit with intervals that allow for what sampling aliases into the band, RMS [K].
 
     A motion that repeats in step with our samples aliases its fast harmonics onto the slow ones at
     a fixed phase, which no averaging removes: at worst a gain error of alias/spread and a time
@@ -278,8 +273,7 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
 def _linear(
     problem: _Problem, clock: Clock, lines: Floats, weights: Floats, fixed: list[bool]
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """
-    Linearise the model: Jacobian [T·K, 2 + 3 K] over clock and lines, and residual [T, K].
+    """Linearise the model: Jacobian [T·K, 2 + 3 K] over clock and lines, and residual [T, K].
 
     lines: slopes, levels and bends [3, K]. Also the reference [T, K] and the mask of our rows.
     """

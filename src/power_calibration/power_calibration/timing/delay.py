@@ -85,8 +85,7 @@ class Joint:
         return Joint(self.name, tuple(kept), self.period)
 
     def features(self, spring: ShaftSpring) -> Curve:
-        """
-        Return eleven signals whose weighted sum is power, with w = dq/dt + compliance·dτ'/dt.
+        """Return eleven signals whose weighted sum is power, with w = dq/dt + compliance·dτ'/dt.
 
         1, τw, τ², |w|, w², w·dw/dt, τ·dw/dt, (dw/dt)², τ·tanh(w/0.1), |τw|, |τ|: idle power,
         shaft, copper loss of load and rotor acceleration, friction and its copper loss, rotor
@@ -131,8 +130,7 @@ _SPRINGS = (
 
 @dataclass(frozen=True)
 class Delay:
-    """
-    Alignment of one drive; errors in W [S], one for each of SHIFTS added to the best delay.
+    """Alignment of one drive; errors in W [S], one for each of SHIFTS added to the best delay.
 
     delay: of electrical stamps, s, None where power does not depend on the joint signals (r2 under
     0.3). refitted: RMS error of power against the proxy, fitted at each shift. moved: RMS change
@@ -148,8 +146,7 @@ class Delay:
     seconds: float
 
     def error_at(self, shift: float) -> tuple[float, float]:
-        """
-        Return the error by a shift in s, mean of both signs: W, and % of power's deviation.
+        """Return the error by a shift in s, mean of both signs: W, and % of power's deviation.
 
         It is the change of the power itself, so that even an exact model has this error.
         """
@@ -158,8 +155,7 @@ class Delay:
 
 
 def delay_of(recording: Recording, drive: str) -> Delay:
-    """
-    Estimate a drive's delay by regression of its electrical power on its joint signals.
+    """Estimate a drive's delay by regression of its electrical power on its joint signals.
 
     The proxy is that of `power_proxy.Joint`, linear in functions of torque and the rotor's speed.
     A spring (compliance and relaxation) between rotor and joint is fitted with it, since its

@@ -26,8 +26,7 @@ _GAP = 2.5  # periods
 
 @dataclass(frozen=True)
 class StampQuality:
-    """
-    Regularity of the stamps of a stream of N samples.
+    """Regularity of the stamps of a stream of N samples.
 
     jitter: deviation from an even clock, fitted per 10 s, in s [N]; NaN in windows of under 8.
     lost: samples missing by sequence numbers, else by gaps.
@@ -56,8 +55,7 @@ class StampQuality:
 
 @dataclass(frozen=True)
 class ClockQuality:
-    """
-    Mapping from the device's clock to stamps.
+    """Mapping from the device's clock to stamps.
 
     residual: deviation of stamps from a straight line over device time, s [N], which includes slow
     changes of a clock. drift: by how much the device's clock runs too fast, ppm.
@@ -150,8 +148,7 @@ class Summary:
 
     @property
     def common(self) -> IntervalEstimate | None:
-        """
-        Delay of all drives, weighted by their intervals; None where none is known.
+        """Delay of all drives, weighted by their intervals; None where none is known.
 
         Its interval is as wide as the drives differ and does not shrink with their number, since
         errors of the proxy are common to all drives.
@@ -215,8 +212,7 @@ def summarise(
     drives: Sequence[str] | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Summary:
-    """
-    Measure a recording's synchronisation; drives: those measured that are joints, if None.
+    """Measure a recording's synchronisation; drives: those measured that are joints, if None.
 
     InputError for a drive that is not there, or where no drive was measured for 3 s.
     """

@@ -12,8 +12,7 @@ _SLACK = 1.5
 
 
 class Assembled(NamedTuple):
-    """
-    A complete sample: its index, the device time in ns of its first frame, values [Q, D].
+    """A complete sample: its index, the device time in ns of its first frame, values [Q, D].
 
     stale [Q, D]: True for values whose frame is silent; None where all frames came.
     """
@@ -44,8 +43,7 @@ class _Seen(NamedTuple):
 
 
 class Assembler:
-    """
-    Combines the frames of one group to samples by their counter.
+    """Combines the frames of one group to samples by their counter.
 
     A sample needs all of its frames; one with a missing frame is lost and never filled up with
     older values. Indices count samples and do not wrap: a step of more than one is a loss.
@@ -84,8 +82,7 @@ class Assembler:
     def add(
         self, slot: int, raw: int, device_time: int, arrival: int, payload: bytes
     ) -> Assembled | None:
-        """
-        Take the frame of a slot with its raw counter; return the sample if it is complete.
+        """Take the frame of a slot with its raw counter; return the sample if it is complete.
 
         device_time: of the sample, in ns. arrival: of the frame on the steady clock, in ns.
         """

@@ -19,8 +19,7 @@ from power_daq.clock.mapping import Pauses
 
 
 class QueryRounds:
-    """
-    Sends the same frames each `period` s, from the thread that reads the bus.
+    """Sends the same frames each `period` s, from the thread that reads the bus.
 
     A round that is late is not made up for. A frame that the bus does not take is counted as
     unsent: without a device that acknowledges, the queue of the interface is full.
@@ -73,8 +72,7 @@ class Patience:
 
 
 class SampleQueue:
-    """
-    A bounded queue between threads; when it is full, new samples are dropped and counted.
+    """A bounded queue between threads; when it is full, new samples are dropped and counted.
 
     refused and published count samples by group: dropped ones, and published ones, which the
     publisher adds.
@@ -110,8 +108,7 @@ class SampleQueue:
 
 
 class Arrivals:
-    """
-    Arrival times of frames on the steady clock: now, less the age by the driver's stamp.
+    """Arrival times of frames on the steady clock: now, less the age by the driver's stamp.
 
     The driver stamps in system time. If that was stepped while a frame waited, its age is unknown;
     for largest_age (s) after a step, frames therefore count as arriving when they are read.
@@ -139,8 +136,7 @@ class Arrivals:
 
 
 class Acquisition(Worker):
-    """
-    Reads a bus in a thread of its own and hands samples to a sink.
+    """Reads a bus in a thread of its own and hands samples to a sink.
 
     open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
     pauses, as is a bus that is lost before a frame of the mapping came. Any other exception ends

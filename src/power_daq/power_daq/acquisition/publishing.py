@@ -24,8 +24,7 @@ def _set_stamp(header: Header, nanoseconds: int) -> None:
 
 
 class SupplyPublisher:
-    """
-    Packs samples of voltage and current into DriveSupply.
+    """Packs samples of voltage and current into DriveSupply.
 
     A message holds samples_per_message consecutive samples, or fewer where one was lost, so that
     its sequence gives the index of each. Winding temperatures are the newest of the drives in
@@ -119,8 +118,7 @@ class JointStatePublisher:
 
 
 class PublishingThread(Worker):
-    """
-    Publishes the samples of a queue, so that a slow subscriber does not delay the bus.
+    """Publishes the samples of a queue, so that a slow subscriber does not delay the bus.
 
     When asked to end, it empties the queue and then calls finish.
     """

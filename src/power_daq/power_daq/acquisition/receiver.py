@@ -22,8 +22,7 @@ _HOLD = 0.5  # periods; replies to one round of queries belong together, also wh
 
 
 class Interleaver:
-    """
-    Puts the frames of one group on the times of its first frame that is not silent.
+    """Puts the frames of one group on the times of its first frame that is not silent.
 
     Values are interpolated between the frames on both sides. Those of a silent frame are NaN. It
     has the counts of an Assembler; lost samples are known by the gaps of the frames.
@@ -85,8 +84,7 @@ _REMEMBERED_IDS = 16
 
 
 class Sample(NamedTuple):
-    """
-    One sample of the drives of a group: electrical, joints or temperature.
+    """One sample of the drives of a group: electrical, joints or temperature.
 
     sequence: index of the sample (a gap is a loss); stamp: ROS time of the measurement in ns;
     device_time: on the device's clock in ns; values: [Q, D] in SI units.
@@ -116,8 +114,7 @@ class FrameCounts:
 
 
 class Receiver:
-    """
-    Converts frames, one by one, to complete stamped samples, without threads or waiting.
+    """Converts frames, one by one, to complete stamped samples, without threads or waiting.
 
     transport_delay: known least time in ns from sample to arrival, which the fit cannot observe;
     it is subtracted from the stamps.

@@ -1,5 +1,4 @@
-"""
-Rows of several streams put on the times of one of them, as they arrive.
+"""Rows of several streams put on the times of one of them, as they arrive.
 
 The rule is that of an import (`power_recordings.importing.channel_group`): values of the other
 streams are interpolated linearly, and missing where their rows are over 2.5 periods apart.
@@ -22,8 +21,7 @@ CYCLIC = (
 
 
 class MergedRow(NamedTuple, Generic[T]):
-    """
-    A row on the reference's time (ns): its number, and by stream the rows on both sides of it.
+    """A row on the reference's time (ns): its number, and by stream the rows on both sides of it.
 
     A value is left + weight · (right − left); weight is NaN where the stream has none. The number
     grows by more than one where the reference lost rows.
@@ -88,8 +86,7 @@ class _Stream(Generic[T]):
 
 
 class StreamMerger(Generic[T]):
-    """
-    Merges streams whose rows come one by one; the reference is the first that is not silent.
+    """Merges streams whose rows come one by one; the reference is the first that is not silent.
 
     A stream is silent, and is no longer waited for, once it lags the newest row by more than 2.5
     periods, but for pauses of all streams. Rows before the first of another stream are left out.

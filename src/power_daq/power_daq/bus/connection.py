@@ -15,8 +15,7 @@ _STUFFING = 1.1
 
 @dataclass(frozen=True)
 class BusSettings:
-    """
-    Interface, channel and bit rates (bit/s) of a bus.
+    """Interface, channel and bit rates (bit/s) of a bus.
 
     socketcan has its bit rates from the network interface (`ip link set … dbitrate …`); there
     they only serve to compute the bus load. fd: whether frames are CAN FD ones.
@@ -36,8 +35,7 @@ class BusSettings:
             raise InputError("channel is empty; give the name of the bus, such as 'can0'")
 
     def open(self) -> can.BusABC:
-        """
-        Open the bus for receiving.
+        """Open the bus for receiving.
 
         Raises can.CanError or OSError if it is not there (yet), InputError for wrong settings.
         """

@@ -26,8 +26,7 @@ UNDERRANGE, OVERRANGE, DEVICE_ERROR, STALE = 1, 2, 4, 8
 
 
 class BusDescription:
-    """
-    Encodes and decodes the frames of a bus; D is the number of drives that it names.
+    """Encodes and decodes the frames of a bus; D is the number of drives that it names.
 
     Encoding is for simulated hardware. Voltages are in V, currents in A and positive while the
     drive draws, positions in rad, velocities in rad/s, torques in N·m, temperatures in °C.
@@ -57,8 +56,7 @@ class BusDescription:
         mapping: Path | None = None,
         nodes: Mapping[str, int] | None = None,
     ) -> 'BusDescription':
-        """
-        Read both files; the defaults are the shipped ones, of an ANYmal's twelve drives.
+        """Read both files; the defaults are the shipped ones, of an ANYmal's twelve drives.
 
         nodes: numbers of the nodes by drive, instead of those in the mapping. Raises InputError
         for a file that cannot be read or names a message or signal that the DBC does not have.
@@ -170,8 +168,7 @@ class BusDescription:
         current: ArrayLike,
         status: ArrayLike | None = None,
     ) -> list[can.Message]:
-        """
-        Return the frames of one sample of voltage [D] and current [D] with status flags [D].
+        """Return the frames of one sample of voltage [D] and current [D] with status flags [D].
 
         Values beyond the range of their signals are clipped and flagged under- or overrange; NaN
         becomes 0 and is flagged as an error of the device.

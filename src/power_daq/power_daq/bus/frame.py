@@ -21,8 +21,7 @@ _LARGEST_STANDARD = 0x7FF
 
 @dataclass(frozen=True)
 class Frame:
-    """
-    A message of the DBC that carries samples: identifier, payload length, clock and counter.
+    """A message of the DBC that carries samples: identifier, payload length, clock and counter.
 
     name: the message's, with the drive of its node. time and counter are None where the device
     sends none. selector: multiplexer signal and its value for this frame.

@@ -25,8 +25,7 @@ from power_daq.bus.signal_layout import LayoutError, SignalLayout
 
 
 class FrameGroup:
-    """
-    The frames of one sample of Q quantities of D drives.
+    """The frames of one sample of Q quantities of D drives.
 
     Values are [Q, D] in SI units, in the order of `quantities` and `drives`; columns are the
     drives' indices among all drives of the bus; slots [Q, D] are the indices of the frames that
@@ -114,8 +113,7 @@ class FrameGroup:
         return len(self.quantities), len(self.drives)
 
     def decode(self, payloads: Sequence[bytes]) -> Floats:
-        """
-        Return the values [Q, D] of all frames' payloads; unmapped quantities are 0.
+        """Return the values [Q, D] of all frames' payloads; unmapped quantities are 0.
 
         The current of a drive whose power is mapped is power over voltage.
         """

@@ -52,8 +52,7 @@ class _Group:
 
 @schema
 class NodeNumbers:
-    """
-    Numbers of the nodes on a bus of one drive a node, by drive.
+    """Numbers of the nodes on a bus of one drive a node, by drive.
 
     A frame's identifier is the node's number, shifted left by `shift` bits, or'ed with the one in
     the DBC.
@@ -91,8 +90,7 @@ class _File:
 
 @schema
 class BusSignal:
-    """
-    One quantity of a drive: the signal of the DBC (`from` in the file) and its meaning.
+    """One quantity of a drive: the signal of the DBC (`from` in the file) and its meaning.
 
     unit: instead of that in the DBC. A value is multiplied by `scale` in place of the conversion
     of its unit. positive: the sign of power that the drive draws. at: torque at the joint, or of
@@ -112,8 +110,7 @@ class BusSignal:
 
 @dataclass(frozen=True)
 class FrameMapping:
-    """
-    A frame of a group: message, clock, counter and signals[drive][quantity].
+    """A frame of a group: message, clock, counter and signals[drive][quantity].
 
     time and counter are None where the device sends none. node: number and drive of the node that
     sends it, None on a bus whose DBC has all identifiers.
@@ -150,8 +147,7 @@ class GroupMapping:
 
 @dataclass(frozen=True)
 class BusMapping:
-    """
-    Content of the file; groups are some of electrical, joints and temperature.
+    """Content of the file; groups are some of electrical, joints and temperature.
 
     poll: protocol of queries that the nodes answer; None where devices send by themselves.
     """
@@ -170,8 +166,7 @@ class BusMapping:
 
 
 def load_mapping(path: Path, nodes: Mapping[str, int] | None = None) -> BusMapping:
-    """
-    Read and check a mapping; InputError names the file, the entry and the reason.
+    """Read and check a mapping; InputError names the file, the entry and the reason.
 
     nodes: numbers of the nodes by drive, instead of those in the file.
     """

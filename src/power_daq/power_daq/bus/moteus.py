@@ -1,5 +1,4 @@
-"""
-Register queries and replies of moteus servos on CAN FD.
+"""Register queries and replies of moteus servos on CAN FD.
 
 The host asks each servo for registers as float32 and the servo answers in the same frame format.
 Nothing is ever written to a register. Protocol: moteus `docs/protocol/can.md`, `registers.md`.
@@ -38,8 +37,7 @@ _SIZE = frame_length(_PAYLOAD.size)
 
 
 class MoteusRegisters:
-    """
-    Queries for some registers of servos, and the values in the replies.
+    """Queries for some registers of servos, and the values in the replies.
 
     names: of the registers, as in REGISTERS. servos: their numbers by drive. host: the address
     that replies go to; another one than that of a program which moves the servos, so that neither

@@ -25,8 +25,7 @@ class LayoutError(ValueError):
 
 
 def bit_positions(signal: Signal) -> list[int]:
-    """
-    Return the bits of a signal in the payload, least significant first.
+    """Return the bits of a signal in the payload, least significant first.
 
     Bit b of byte n is number 8·n + b; cantools' start is the least significant bit of a
     little-endian signal and the most significant one of a big-endian signal.
@@ -67,8 +66,7 @@ class Field:
 
 
 class SignalLayout:
-    """
-    S linear signals of one payload, which may consist of several frames.
+    """S linear signals of one payload, which may consist of several frames.
 
     Each signal is read by gathering the eight bytes that start at its least significant one, so
     that decoding takes a few numpy calls for any number of signals.

@@ -28,8 +28,7 @@ _PACKETS_PER_SERVICE = 64
 
 
 def pack(messages: Iterable[can.Message]) -> bytes:
-    """
-    Return the time of sending and the frames, each as SocketCAN's canfd_frame up to its length.
+    """Return the time of sending and the frames, each as SocketCAN's canfd_frame up to its length.
 
     The time is system time in ns, as on vcan, where the kernel stamps a frame when it is sent.
     """
@@ -100,8 +99,7 @@ class HostStatistics:
 
 
 class UnixSocketBus(can.BusABC):
-    """
-    python-can interface 'unixsocket'; the channel is the path of the socket.
+    """python-can interface 'unixsocket'; the channel is the path of the socket.
 
     One process is the host (host=True), the others connect to it. Every frame reaches all others.
     The host never waits for a client: frames for which a slow one has no room are dropped and

@@ -1,5 +1,4 @@
-"""
-Mapping of a device's clock to ROS time by a running fit of offset and drift.
+"""Mapping of a device's clock to ROS time by a running fit of offset and drift.
 
 Every frame carries the device time of its sample and arrives after a delay. Delays are never
 negative, so the mapping is the lower envelope of arrival time over device time: the closest line
@@ -21,8 +20,7 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """
-    Limits between noise and changes of the clocks; in ns unless stated otherwise.
+    """Limits between noise and changes of the clocks; in ns unless stated otherwise.
 
     bin: interval of which the least delayed frame is kept; window: bins that are fitted; settle:
     time until stamps are valid; drift_after: time until drift is fitted; recent: bins that
@@ -62,8 +60,7 @@ Point = tuple[int, int]
 
 
 def line_below(points: Sequence[Point], largest_slope: float) -> tuple[Point, float] | None:
-    """
-    Return a point and the slope of the line below all points with the least mean distance.
+    """Return a point and the slope of the line below all points with the least mean distance.
 
     It is the edge of the lower convex hull at the mean of x. None if there is no such edge or it
     is steeper than largest_slope. Points are in the order of x.
@@ -85,8 +82,7 @@ def line_below(points: Sequence[Point], largest_slope: float) -> tuple[Point, fl
 
 
 class ClockMapping:
-    """
-    Maps one device clock to the steady clock of this machine.
+    """Maps one device clock to the steady clock of this machine.
 
     ns_per_tick, bits: of the clock as transmitted. A device clock that jumps or restarts begins a
     new epoch: its offset is unknown, its drift is kept.
@@ -126,8 +122,7 @@ class ClockMapping:
         self._sum, self._count, self._worst = 0.0, 0, 0.0
 
     def update(self, raw: int, arrival: int) -> int:
-        """
-        Take the raw device time of a frame and its arrival in ns on the steady clock.
+        """Take the raw device time of a frame and its arrival in ns on the steady clock.
 
         Returns the device time in ns, unwrapped since the start of the epoch.
         """
@@ -165,8 +160,7 @@ class ClockMapping:
         return device
 
     def _below_all(self, device: int, lag: int) -> bool:
-        """
-        Return whether a frame is earlier than all others of this epoch.
+        """Return whether a frame is earlier than all others of this epoch.
 
         A frame that is only earlier than the line may end a period in which all frames were late
         and the line rose. A restart of a late device, by less than it was late, is not detected
@@ -248,8 +242,7 @@ class ClockMapping:
 
 
 class RosTime:
-    """
-    Conversion of the steady clock to the system clock.
+    """Conversion of the steady clock to the system clock.
 
     Their difference is measured again and again, so that stamps agree with the ROS time of other
     nodes. A step of more than `step` ns is counted and begins a new epoch, in which stamps may
@@ -312,8 +305,7 @@ class Stamper:
 
 
 class Slots:
-    """
-    Slots of `period` s, counted from the first use of `each`.
+    """Slots of `period` s, counted from the first use of `each`.
 
     A slot that is missed is not made up for: the next one is the first that begins from now on.
     """

@@ -55,8 +55,7 @@ class CycleCounts:
 
 
 class SegmentAcquisition(Worker):
-    """
-    Exchanges process data each cycle, and hands samples to a sink.
+    """Exchanges process data each cycle, and hands samples to a sink.
 
     The value in a frame was converted after the frame before, which triggered it (filter off:
     synchronous mode), so a sample has the time of the frame before. Cycles are slots of the steady

@@ -18,8 +18,7 @@ _OPERATE_FRAMES = 200
 
 
 def longest_call(slaves: int, timeout: float) -> float:
-    """
-    Return the longest time in s of a call of SoemSegment; timeout: s until a frame is lost.
+    """Return the longest time in s of a call of SoemSegment; timeout: s until a frame is lost.
 
     Sum of SOEM's limits: state and mailbox (both directions) of each slave, two states of the
     whole segment, and the frames in between.
@@ -30,8 +29,7 @@ def longest_call(slaves: int, timeout: float) -> float:
 
 
 class SoemSegment:
-    """
-    The slaves behind one network interface; needs the right to raw sockets.
+    """The slaves behind one network interface; needs the right to raw sockets.
 
     timeout: s until a frame counts as lost; it also sets SOEM's limits, which are global to the
     process. Every call releases the GIL while it waits.

@@ -1,5 +1,4 @@
-"""
-The supported EtherCAT terminals and the meaning of their process data.
+"""The supported EtherCAT terminals and the meaning of their process data.
 
 EL3102: two differential inputs of ±10 V, 16 bit. Each channel has a status word and a value;
 bits as in Beckhoff's documentation of the EL31xx, object 0x60n0 (AI inputs).
@@ -157,8 +156,7 @@ def assert_settings(
     wanted: Sequence[TerminalType],
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
-    """
-    Write the terminals' settings where they differ, read them back, and list what was changed.
+    """Write the terminals' settings where they differ, read them back, and list what was changed.
 
     Ends before the next setting once stopped() is true. SegmentError for a setting that cannot be
     changed: a filter would remove what is to be measured.

@@ -110,8 +110,7 @@ class _StreamEnergy:
 
 @dataclass
 class MonitorState:
-    """
-    Takes messages at any rate; `view` summarises those since the last view.
+    """Takes messages at any rate; `view` summarises those since the last view.
 
     Times are in s on a steady clock; battery is what it holds at the start, Wh.
     """

@@ -32,8 +32,7 @@ _LONGEST_NOTE: Final = 500  # characters
 
 
 class RecorderNode(Node):
-    """
-    Puts the bytes of each message into the recorder, with the time of its publication.
+    """Puts the bytes of each message into the recorder, with the time of its publication.
 
     topics: their types by name. card: that of the folder `bag`. duration: s until the node ends
     by itself, 0 for never; with `wait` they count from the first sample of power on, and an end

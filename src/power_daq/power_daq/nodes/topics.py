@@ -38,8 +38,7 @@ _ANY = QoSProfile(
 
 
 class TopicsNode(Node):
-    """
-    Publishes what a map finds in other topics; InputError for a map that does not fit them.
+    """Publishes what a map finds in other topics; InputError for a map that does not fit them.
 
     where: the name of the map, for errors. commands: publish joint_commands too.
     """

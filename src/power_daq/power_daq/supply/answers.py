@@ -1,5 +1,4 @@
-"""
-Strict parsing of a bench supply's answers.
+"""Strict parsing of a bench supply's answers.
 
 The dialect is that of EA's PSB, PSI and PS series: a number with its unit (`48.02 V`), three of
 them for `MEAS:ARR?` (`48.02 V, 3.14 A, 150.8 W`), and errors as `-113,"Undefined header"`
@@ -103,8 +102,7 @@ def switch(answer: str) -> bool:
 
 
 class Reading(NamedTuple):
-    """
-    Voltage (V), current (A, positive out of the supply) and power (W, None if not given).
+    """Voltage (V), current (A, positive out of the supply) and power (W, None if not given).
 
     stamp: ROS time in ns halfway between question and answer; steady: the same instant on the
     steady clock; round_trip: s between them, so the stamp is off by at most half of it.

@@ -33,8 +33,7 @@ class Energy:
 
 
 class EnergyCounter:
-    """
-    Integral of power by the trapezoid rule.
+    """Integral of power by the trapezoid rule.
 
     Nothing is counted between readings more than ten periods apart and next to NaN.
     """
@@ -125,8 +124,7 @@ class _Second:
 
 
 class PowerBalance:
-    """
-    Compares the power of the supply with the sum of the drives for each second of their stamps.
+    """Compares the power of the supply with the sum of the drives for each second of their stamps.
 
     Only seconds that both cover count. A drive that two devices measure counts once.
     """

@@ -35,8 +35,7 @@ class LostError(Exception):
 
 @dataclass(frozen=True)
 class InstrumentSettings:
-    """
-    Address of the supply and form of the queries.
+    """Address of the supply and form of the queries.
 
     timeout: s until an answer counts as missing; separate: query voltage and current one after
     the other, for supplies without `MEAS:ARR?`.
@@ -61,8 +60,7 @@ class InstrumentSettings:
 
 
 class Instrument:
-    """
-    A connected supply.
+    """A connected supply.
 
     Only `tell` changes its state, and only `output.switch_on` uses `tell` for that. Methods raise
     LostError if the connection can no longer be used, AnswerError for an answer that does not fit.

@@ -16,8 +16,7 @@ _READ_BACK = 0.002
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """
-    An output to be switched on, with its voltage (V) and the current it may give (A).
+    """An output to be switched on, with its voltage (V) and the current it may give (A).
 
     InputError for a missing value or one beyond 60 V (touch-safe DC) or 120 A.
     """
@@ -37,8 +36,7 @@ class OutputRequest:
                 )
 
     def switch_on(self, instrument: Instrument) -> str:
-        """
-        Set voltage and current, read them back, switch on; return a sentence for the log.
+        """Set voltage and current, read them back, switch on; return a sentence for the log.
 
         Only an output that is off is changed. Each failure, lost connections included, is an
         InputError that gives the state of the output; after `OUTP ON` the output is switched off

@@ -58,8 +58,7 @@ class PollState:
 
 
 class Poller(Worker):
-    """
-    Polls `rate` times a second and gives each answer to the sink once.
+    """Polls `rate` times a second and gives each answer to the sink once.
 
     Readings belong to slots of 1/rate s. A slot without an answer is lost; it is neither repeated
     nor made up for. connect may raise LostError or AnswerError: it is tried again with growing

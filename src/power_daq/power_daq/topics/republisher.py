@@ -24,8 +24,7 @@ _STEP = re.compile(r'\.?([^.\[\]]+)(?:\[([^\[\]]*)\])?')
 
 
 class MessageField:
-    """
-    One number of a message: `field.path`, `array[3]`, `array[NAME]` or `array[3].field`.
+    """One number of a message: `field.path`, `array[3]`, `array[NAME]` or `array[3].field`.
 
     A name is looked up in the field `name` beside the array, as in sensor_msgs/JointState.
     """
@@ -123,8 +122,7 @@ class _Stream:
 
 
 class LiveGroup:
-    """
-    The samples of one published topic: values [Q, D], Q as in ROWS, D its drives.
+    """The samples of one published topic: values [Q, D], Q as in ROWS, D its drives.
 
     Messages are merged on the times of the topic with the most of its signals, as an import does
     it. Values whose topic is silent are NaN; the status of electrical ones says so.
@@ -238,8 +236,7 @@ class LiveGroup:
 
 
 class MapTopics:
-    """
-    Topics named by the signals of a map; a `*` in a name stands for any text without a slash.
+    """Topics named by the signals of a map; a `*` in a name stands for any text without a slash.
 
     where: the name of the map, for errors. Raises InputError for a signal that names no topic.
     """
@@ -294,8 +291,7 @@ _S = 1_000_000_000
 
 
 class Republisher:
-    """
-    Samples by published topic, once every topic that the map needs has had a message.
+    """Samples by published topic, once every topic that the map needs has had a message.
 
     where: the name of the map, for errors. `take` raises InputError for messages that do not have
     what the map names, or no stamp where the map wants one.

@@ -29,8 +29,7 @@ LONGEST = 0.1  # s of the past beside the new samples, for derivatives and the s
 
 
 class EffectBatch:
-    """
-    A model of named effects, evaluated at each step on the last samples of each robot.
+    """A model of named effects, evaluated at each step on the last samples of each robot.
 
     The newest derivative is one-sided. Each robot has a bus of its own. As much of its past is
     kept as the model needs; a model that remembers more than 0.1 s, such as the winding's
@@ -152,8 +151,7 @@ Array = Singles | Tensor
 
 
 class BatchPower:
-    """
-    A stateful power model over N robots with D drives each.
+    """A stateful power model over N robots with D drives each.
 
     With a network one policy step of 20 ms is one call with S = 4 samples at 200 Hz; the state is
     carried from call to call and dropped robot by robot with `reset`. `ready` says whose estimate
@@ -192,8 +190,7 @@ class BatchPower:
         self._lost[slice(None) if robots is None else robots] = False
 
     def step(self, position_error: Array, torque: Array, speed: Array) -> Array:
-        """
-        Return the mean power in W [N, D] of the next samples, [N, S, D] in rad, N·m and rad/s.
+        """Return the mean power in W [N, D] of the next samples, [N, S, D] in rad, N·m and rad/s.
 
         [N, D] stands for S = 1. Tensors give a tensor, arrays an array. ValueError for another
         shape; robots with a NaN among their samples get NaN until they are reset.

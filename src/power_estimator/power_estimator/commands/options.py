@@ -7,8 +7,7 @@ from wattwalk_core.engine.task_engine import TaskEngine
 
 
 def engine_of(place: Workplace) -> AbstractContextManager[TaskEngine | None]:
-    """
-    Return the engine of a scheduler, None without one.
+    """Return the engine of a scheduler, None without one.
 
     On one machine networks are trained on threads: they share the recordings' signals, which each
     process would hold for itself, and tell of each epoch.

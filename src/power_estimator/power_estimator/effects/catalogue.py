@@ -98,8 +98,7 @@ def builtin_catalogue() -> Catalogue:
 
 
 def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
-    """
-    Return the shipped effects and those defined in the given Python files.
+    """Return the shipped effects and those defined in the given Python files.
 
     The files are run: name only files that you trust. InputError if a file cannot be read or
     run, defines no effect, redefines a name, or defines one that is incomplete.
@@ -116,8 +115,7 @@ def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
 
 
 def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
-    """
-    Return the effect's regressors [T, D, n], checked.
+    """Return the effect's regressors [T, D, n], checked.
 
     Raises InputError for an effect that raises, or returns another shape or NaN.
     """

@@ -20,8 +20,7 @@ _ROWS = 20_000  # that quantiles are taken of
 
 @dataclass(frozen=True)
 class Term:
-    """
-    One coefficient of an effect: symbol, SI unit and physical bounds.
+    """One coefficient of an effect: symbol, SI unit and physical bounds.
 
     Bounds and prior are those of the reference drive (`DriveScale`).
     """
@@ -51,8 +50,7 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Effect:
-    """
-    A physical effect with coefficients that are linear in the power once its shape is fixed.
+    """A physical effect with coefficients that are linear in the power once its shape is fixed.
 
     An effect that acts on 'power' gives watts per unit coefficient. One that acts on 'torque'
     gives the extra motor torque in N·m per unit coefficient; the model turns it into power

@@ -21,8 +21,7 @@ SHAFT, BASE = 'shaft', 'base'
 
 @dataclass(frozen=True)
 class Split:
-    """
-    Power of each effect, W [T, D], and its slopes by the coefficients of the structure.
+    """Power of each effect, W [T, D], and its slopes by the coefficients of the structure.
 
     Friction counts with the power that it takes at the shaft; the copper loss of the torque that
     carries it counts as copper loss, where it becomes heat.
@@ -51,8 +50,7 @@ def split(
     *,
     slopes: bool = True,
 ) -> Split:
-    """
-    Split the power of a model with coefficients [D, m] by effect.
+    """Split the power of a model with coefficients [D, m] by effect.
 
     Regressors that its power is made of are computed once; without slopes it costs what
     `evaluate` does.

@@ -78,8 +78,7 @@ def material(
     least: float = LEAST_TO_FIT,
     window: float = 0.0,
 ) -> Material:
-    """
-    Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
+    """Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
 
     base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
     for data that are too short or too still to decide anything, saying what is missing. least: s,
@@ -116,8 +115,7 @@ def fit_model(
     seed: int = 0,
     prior: Prior | None = None,
 ) -> tuple[EffectModel, Fit]:
-    """
-    Fit effects, with the errors of measurement beside them, and their intervals.
+    """Fit effects, with the errors of measurement beside them, and their intervals.
 
     prior: what is expected of coefficients, for drives with a meter of their own. Shapes that an
     effect leaves open are searched. Returns the model and the fit behind it.

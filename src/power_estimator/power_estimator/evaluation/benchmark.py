@@ -28,8 +28,7 @@ _LONGEST_GAP: Final = 0.05  # s between estimates that are joined by a line
 
 
 class RecordedEstimate:
-    """
-    The `power_estimate` topic of recordings.
+    """The `power_estimate` topic of recordings.
 
     An estimate is the mean of the 20 ms that end at its stamp. It is placed in their middle and
     interpolated linearly. Estimates whose status is not 0 count as unknown.
@@ -89,8 +88,7 @@ def run(
     slow: bool = False,
     anyway: bool = False,
 ) -> Benchmark:
-    """
-    Score models on recordings by the judge, on the samples that all of them may be judged on.
+    """Score models on recordings by the judge, on the samples that all of them may be judged on.
 
     slow, anyway: as in `load`. InputError if there are no such samples.
     """

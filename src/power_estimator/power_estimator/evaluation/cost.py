@@ -25,8 +25,7 @@ def best_of(body: Callable[[], object], tries: int) -> float:
 
 
 def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIVES) -> float:
-    """
-    Return µs per sample at 200 Hz of all drives, in the live node's arithmetic.
+    """Return µs per sample at 200 Hz of all drives, in the live node's arithmetic.
 
     With carried state that is one step; windowed, a fourth of the `history` steps that each
     estimate at 50 Hz takes.

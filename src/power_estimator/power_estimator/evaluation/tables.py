@@ -16,8 +16,7 @@ WIDTH = 140  # of tables where stdout is no terminal
 
 
 def table(folds: Sequence[Sequence[JudgedModel]]) -> dict[str, Any]:
-    """
-    Average over folds in the form of the benchmark's JSON.
+    """Average over folds in the form of the benchmark's JSON.
 
     {`models`: [{`name`, `held_out`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`,
     `total`, `supply`}]}. `r2_std` is the spread between folds, of one fold that over stretches.

@@ -32,8 +32,7 @@ class Traces:
 
 
 def traces(judge: Judge, judged: Sequence[JudgedModel]) -> Traces:
-    """
-    Choose the drive whose power varies most, in the longest stretch; the first model is shown.
+    """Choose the drive whose power varies most, in the longest stretch; the first model is shown.
 
     Among stretches of about the same length it is the one in which that drive varies most; at most
     4 s of it are shown.

@@ -41,8 +41,7 @@ _LIKE_A_DELAY = ('rotor_inertia', 'spring')
 def together(
     own: Material, structure: Structure, catalogue: Catalogue, apart: Collection[str] = OWN_TERMS
 ) -> tuple[Material, tuple[Active, ...], Floats]:
-    """
-    Recordings in step, the terms of their measurement, and their own delays, s [R].
+    """Recordings in step, the terms of their measurement, and their own delays, s [R].
 
     Delays and the terms that are named apart are each recording's own.
     """
@@ -118,8 +117,7 @@ class HeldOutEstimator:
         )
 
     def estimate(self, model: PowerModel, name: str) -> HeldOut:
-        """
-        Estimate the power of all rows that a model may be judged on; name: as it is shown.
+        """Estimate the power of all rows that a model may be judged on; name: as it is shown.
 
         InputError for a model that says nothing about the drives.
         """

@@ -63,8 +63,7 @@ class Examiner:
         return np.where(blocks.valid, error, np.nan)
 
     def residual(self, evidence: Evidence, *, all_rows: bool = False) -> Floats:
-        """
-        Held-out residual, W [N, D]; NaN outside the blocks.
+        """Held-out residual, W [N, D]; NaN outside the blocks.
 
         NaN as well where signals are unresolved, unless all_rows.
         """

@@ -56,8 +56,7 @@ def held_out_rows(
 
 
 def power_on(loaded: Loaded, model: PowerModel) -> Singles:
-    """
-    Return a model's power on the samples of the recordings, W [T, D].
+    """Return a model's power on the samples of the recordings, W [T, D].
 
     Models that need smoothed signals are asked on these, at 200 Hz; all others on the signals as
     they were measured.
@@ -94,8 +93,7 @@ def power_under(loaded: Loaded, model: EffectModel) -> HeldOutPower | None:
 
 
 def base_power(loaded: Loaded, model: PowerModel, spec: str) -> HeldOutPower:
-    """
-    Power of the model that effects stand on; of a network on its test part only.
+    """Power of the model that effects stand on; of a network on its test part only.
 
     spec: its file or name. InputError where that leaves too little of a drive to decide anything.
     """

@@ -43,8 +43,7 @@ class SupplyJudge:
         self._lags = round(longest * loaded.data.rate) + 1
 
     def score(self, model: PowerModel, residual: Floats) -> SupplyScore | None:
-        """
-        Score a model; None where the supply or the power of a drive is not known.
+        """Score a model; None where the supply or the power of a drive is not known.
 
         residual: W [N, D] of the metered drives; other drives are estimated as they are. The power
         of the electronics is the mean of what is left on the other folds: beside the measured
@@ -111,8 +110,7 @@ def _spread(rest: Floats) -> float:
 
 
 class Judge:
-    """
-    Scores power models on recordings, all in the same way.
+    """Scores power models on recordings, all in the same way.
 
     Measured and estimated power are compared at 50 Hz after the same zero-phase low-pass at
     12.5 Hz and decimation. Effect models form their products at 400 Hz from signals as they were
@@ -172,8 +170,7 @@ class Judge:
         *,
         supply: bool = False,
     ) -> tuple[JudgedModel, ...]:
-        """
-        Score models on the rows that all of them know.
+        """Score models on the rows that all of them know.
 
         names: as they are shown; types: of drives that are scored together; supply: against the
         power of the whole robot, too. InputError where no row is left.

@@ -62,8 +62,7 @@ class JudgedDrives:
 
 @dataclass(frozen=True)
 class ReadRecordings:
-    """
-    Aligned recordings, with what is known of each.
+    """Aligned recordings, with what is known of each.
 
     doubts: refusal in a line of each that contradicts itself, '' for none. changes: of the power
     of each one's slowest meter, 1/s; NaN without a meter.
@@ -127,8 +126,7 @@ def read_on_workers(
     judged: JudgedDrives,
     show: Callable[[str], None] = lambda text: None,
 ) -> ReadRecordings:
-    """
-    Read each of several recordings as a task; the result is that of `read_here`.
+    """Read each of several recordings as a task; the result is that of `read_here`.
 
     Workers return aligned signals alone, so that this process never holds whole recordings. Those
     that have other joints or another rate than all have together are read twice.
@@ -200,8 +198,7 @@ def _period(recording: Recording) -> float:
 
 
 def _coarsest(period: float) -> float:
-    """
-    Lowest rate in Hz that holds twice what joint states of a period hold.
+    """Lowest rate in Hz that holds twice what joint states of a period hold.
 
     Short recordings keep the highest: its filters cost them least at their ends.
     """

@@ -96,8 +96,7 @@ def load(
     engine: TaskEngine | None = None,
     show: Callable[[str], None] = lambda text: None,
 ) -> Loaded:
-    """
-    Read recordings of measured drives; several of them on the workers of an engine, if given.
+    """Read recordings of measured drives; several of them on the workers of an engine, if given.
 
     slow: take meters that change less than 25 times a second, of which energy is judged over
     windows. anyway: take recordings whose signals contradict each other, too. drives: names, or

@@ -23,8 +23,7 @@ class SupplyScore:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """
-    A model's residual where it was not fitted, of N rows at 50 Hz and M meters.
+    """A model's residual where it was not fitted, of N rows at 50 Hz and M meters.
 
     Power and estimate have passed the same zero-phase low-pass at 12.5 Hz; each recording's best
     delay between meter and joint signals is taken out.

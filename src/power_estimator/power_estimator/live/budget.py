@@ -16,8 +16,7 @@ _SECOND: Final = 1_000_000_000  # ns
 
 
 class LiveBudget:
-    """
-    Mean power of all drives by part, over the last ten seconds of estimates.
+    """Mean power of all drives by part, over the last ten seconds of estimates.
 
     What a drive's shaft gave back is regeneration, negative. Estimates that cannot be relied on
     are left out; it begins anew where they stop or go back in time.

@@ -62,8 +62,7 @@ class Shift:
 
 
 class ChangeWatch:
-    """
-    Seconds of measured and estimated power of D drives, tested block by block.
+    """Seconds of measured and estimated power of D drives, tested block by block.
 
     A block is the median of its seconds, so that a push or a stumble of less than half a block
     says nothing. The reference is learned from the first blocks unless it is given. Blocks in
@@ -124,8 +123,7 @@ class ChangeWatch:
         return round(self.config.reference_minutes * 60 / self.config.block)
 
     def second(self, index: int, difference: Floats, regressors: Floats) -> Shift | None:
-        """
-        Take one second's mean of measured − estimated, W [D], and of 1, |ω|, ω², τ², P [D, 5].
+        """Take one second's mean of measured − estimated, W [D], and of 1, |ω|, ω², τ², P [D, 5].
 
         index: of the second; NaN for drives without a value. Return a shift when it is found.
         """

@@ -27,8 +27,7 @@ _SETTLED: Final = 0.05  # share of a carried state that may stem from before the
 
 
 class NetworkStream:
-    """
-    The Power Prediction Network with carried state, all drives in one step.
+    """The Power Prediction Network with carried state, all drives in one step.
 
     Samples at a multiple of its rate are averaged, and its estimates held.
     """
@@ -57,8 +56,7 @@ class NetworkStream:
         return np.repeat(self._bank.run(x, fresh), self._times, axis=0)
 
     def outside(self, margin: float) -> bool:
-        """
-        Return whether the last block lies outside the training data.
+        """Return whether the last block lies outside the training data.
 
         It does by a feature beyond its range by more than margin of that range, or by its
         out-of-distribution score.
@@ -69,8 +67,7 @@ class NetworkStream:
 
 
 class WindowStream:
-    """
-    A power model that is run on each block and the samples before it that it needs.
+    """A power model that is run on each block and the samples before it that it needs.
 
     parts: mean power of the last block by effect, W [D], of models that are made of effects.
     """
@@ -169,8 +166,7 @@ _BRIDGED: Final = 0.01  # s of missing joint states before the past is dropped
 
 
 class CausalSampler:
-    """
-    Means of the joint states in bins of 1/rate, cut by the stamps.
+    """Means of the joint states in bins of 1/rate, cut by the stamps.
 
     A sample is returned with the last joint state in its bin, not with the first of the next bin.
     At 400 Hz in and 200 Hz out that is the mean of two: a delay of 1.25 ms and −3 dB at 100 Hz.
@@ -275,8 +271,7 @@ class Estimate:
 
 
 class LiveEstimator:
-    """
-    Joint states and what else the model needs in, estimates at 50 Hz out.
+    """Joint states and what else the model needs in, estimates at 50 Hz out.
 
     A command holds from its stamp until the next one, a supply's voltage and temperature until the
     next. Of a model that needs targets there is no estimate without them (the drives are damped).

@@ -18,8 +18,7 @@ from power_estimator.model import PowerModel
 def estimates(
     recording: Recording, model: PowerModel, config: LiveConfig | None = None
 ) -> tuple[tuple[str, ...], Iterator[Estimate]]:
-    """
-    Return the drives and the estimates of the live node for them.
+    """Return the drives and the estimates of the live node for them.
 
     The drives of a model that needs targets are the joints with a command. A command holds from
     its stamp on, as if it had arrived in time.

@@ -10,8 +10,7 @@ from power_estimator.scores import r2
 
 
 class LiveScore:
-    """
-    Pairs of each estimate with the mean of the measured power over its time.
+    """Pairs of each estimate with the mean of the measured power over its time.
 
     An estimate waits until measurements reach its stamp, so that late samples count as well.
     """
@@ -56,8 +55,7 @@ class LiveScore:
 def measured_power(
     drives: int, voltage: ArrayLike, current: ArrayLike, status: ArrayLike
 ) -> Floats:
-    """
-    Return the power in W [samples, drives] of a DriveSupply message, NaN where a status is not 0.
+    """Return the power in W [samples, drives] of a DriveSupply message, NaN for a status over 0.
 
     voltage, current, status: row-major [samples × drives]. ValueError for other lengths.
     """

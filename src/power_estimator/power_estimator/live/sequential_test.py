@@ -24,8 +24,7 @@ _LEAST_SIGMA = 1e-3  # W
 
 @schema
 class ReferenceNoise:
-    """
-    Block means of a drive's measured − estimated power in W, as they were when all was well.
+    """Block means of a drive's measured − estimated power in W, as they were when all was well.
 
     A block mean is mean + slopes·(features − centre) plus an autoregressive process of first
     order. Features [F] outside [low, high] were not seen.
@@ -44,8 +43,7 @@ class ReferenceNoise:
 
     @classmethod
     def of(cls, blocks: Floats, features: Floats, follows: Bools) -> Self:
-        """
-        Learn from n blocks [n] with features [n, F].
+        """Learn from n blocks [n] with features [n, F].
 
         follows [n]: whether the block before in the array is the one before in time.
         """
@@ -93,8 +91,7 @@ class ReferenceNoise:
 
 
 class ShiftDetector:
-    """
-    Shiryaev–Roberts e-detectors of a shift of any of D drives, up or down.
+    """Shiryaev–Roberts e-detectors of a shift of any of D drives, up or down.
 
     Each block multiplies a bet by an e-value, whose mean given the past is at most 1 while the
     innovations are those of the reference: exp(λ·y − v·(exp(λ·c) − 1 − λ·c)/c²), by Bennett's
@@ -112,8 +109,7 @@ class ShiftDetector:
         self.since = np.zeros((len(noise), 2), int)  # blocks of that sum
 
     def add(self, left: list[float | None]) -> tuple[int, int] | None:
-        """
-        Take what each drive's block has more than the reference, W; None for no block.
+        """Take what each drive's block has more than the reference, W; None for no block.
 
         Return the drive and the sign (1 or −1) of a shift when it is found; the evidence then
         begins anew.

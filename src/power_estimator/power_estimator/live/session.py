@@ -35,8 +35,7 @@ class _Sums:
 
 @dataclass
 class SecondMeans:
-    """
-    Sums by second of D drives, until each stream has passed it.
+    """Sums by second of D drives, until each stream has passed it.
 
     rate: estimates per second.
     """
@@ -143,8 +142,7 @@ class _Columns:
 
 
 class LiveSession:
-    """
-    Estimates from joint states and what else the model needs, in any order of names.
+    """Estimates from joint states and what else the model needs, in any order of names.
 
     The drives are those of joint_states (and of joint_commands, for a model that needs targets)
     that the model knows and that are `wanted` (all if empty). Times of arrival are in s on a
@@ -238,8 +236,7 @@ class LiveSession:
             self._live.supply(found[0], found[1])
 
     def supply(self, measured: Vector) -> None:
-        """
-        Take the measured power of drives [samples, names] in W, to be compared with.
+        """Take the measured power of drives [samples, names] in W, to be compared with.
 
         Samples with a NaN in one of the estimated drives are left out.
         """

@@ -129,8 +129,7 @@ class Checkpoint:
 
     @classmethod
     def load(cls, path: Path) -> 'Checkpoint':
-        """
-        Read FILE, RUN/model.safetensors or a shipped network by its name.
+        """Read FILE, RUN/model.safetensors or a shipped network by its name.
 
         InputError names the file and what is wrong.
         """

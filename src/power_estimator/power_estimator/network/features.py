@@ -33,8 +33,7 @@ class Scaling:
 
     @classmethod
     def of(cls, values: Singles, power: Singles, mirror: bool = False) -> 'Scaling':
-        """
-        Return the scaling of features [N, 3] and power [N] without NaN; InputError for constants.
+        """Return the scaling of features [N, 3] and power [N], no NaN; InputError for constants.
 
         With `mirror` the mean is 0, so that a motion and its mirror image differ in sign alone.
         """

@@ -16,8 +16,7 @@ _Watts = Annotated[float, Quantity(-1e9, 1e9, 'W')]
 
 @schema
 class Intervals:
-    """
-    Range in which the measured power of an estimate at 50 Hz lies with probability `level`.
+    """Range in which the measured power of an estimate at 50 Hz lies with probability `level`.
 
     Bins of estimated power have their own widths, from residuals that the network was not
     trained on (split-conformal prediction; Lei et al. 2018, by bin as Boström et al. 2021). The
@@ -41,8 +40,7 @@ class Intervals:
     def fit(
         cls, measured: Singles, estimated: Singles, level: float = LEVEL
     ) -> 'Intervals | None':
-        """
-        Fit to pairs [N] at 50 Hz that the network was not trained on; None if there are few.
+        """Fit to pairs [N] at 50 Hz that the network was not trained on; None if there are few.
 
         Equal estimates stay in one bin, and no bin has fewer than 100 pairs.
         """

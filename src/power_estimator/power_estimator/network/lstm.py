@@ -51,8 +51,7 @@ class Weights:
 
 
 class LstmBank:
-    """
-    Networks of one size, each for its own drives, with carried state.
+    """Networks of one size, each for its own drives, with carried state.
 
     Takes features in SI units and gives watts: the scaling is folded into the weights. Drives
     that belong to no network get NaN.
@@ -99,8 +98,7 @@ class LstmBank:
         return self._watts(self._advance(self._project(features[None]))[None])[0]
 
     def run(self, features: Singles, fresh: Bools | None = None) -> Singles:
-        """
-        Advance all drives by T samples: [T, D, 3] → W [T, D].
+        """Advance all drives by T samples: [T, D, 3] → W [T, D].
 
         fresh [T, D] marks the samples before which a drive forgets its past.
         """

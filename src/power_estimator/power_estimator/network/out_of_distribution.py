@@ -19,8 +19,7 @@ _Number = Annotated[float, Quantity(-1e18, 1e18)]
 
 @schema
 class OutOfDistributionScore:
-    """
-    Mahalanobis distance of an estimate's block of samples from those of the training data.
+    """Mahalanobis distance of an estimate's block of samples from those of the training data.
 
     It is of the mean of position error, torque and speed over the block and of their change within
     it. So it grows with combinations outside the training data, such as torque that does not match

@@ -19,8 +19,7 @@ from power_estimator.scores import block_means
 
 
 class PowerPredictionNetwork:
-    """
-    LSTM from position error, torque and speed to watts (Section II-A), one per drive type.
+    """LSTM from position error, torque and speed to watts (Section II-A), one per drive type.
 
     `predict` carries the state from sample to sample. `predict_windowed` is the paper's form:
     0.3 s of history from a state of zero for each estimate.
@@ -67,8 +66,7 @@ class PowerPredictionNetwork:
         return Guard(n.out_of_distribution if n else None for n in found)
 
     def interval(self, power: Singles, drives: Sequence[str]) -> tuple[Singles, Singles]:
-        """
-        Return the lowest and highest power to be expected of estimates, W [N, D] at 50 Hz.
+        """Return the lowest and highest power to be expected of estimates, W [N, D] at 50 Hz.
 
         NaN for drives of no known type and for networks without intervals.
         """
@@ -82,8 +80,7 @@ class PowerPredictionNetwork:
         return low, high
 
     def predict(self, data: AlignedDataset) -> Singles:
-        """
-        Return watts [T, D] with carried state.
+        """Return watts [T, D] with carried state.
 
         NaN for drives of no known type, where a feature is missing and for warm_up samples after.
         Data at a multiple of the network's rate is averaged down and the estimate held.
@@ -120,8 +117,7 @@ class PowerPredictionNetwork:
         return power
 
     def predict_windowed(self, data: AlignedDataset) -> Singles:
-        """
-        Return estimates [N, D] at 50 Hz, each from its own window of history and a state of zero.
+        """Return estimates [N, D] at 50 Hz, each from its own window of history, state zero.
 
         One per block of four rows inside each segment, as `block_means` cuts them; NaN where the
         window reaches over the start of a gap-free stretch.

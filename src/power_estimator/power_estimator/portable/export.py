@@ -25,8 +25,7 @@ SCRIPT: Final = 'power_term.pt'
 def export(
     checkpoint: Checkpoint, folder: Path, drives: Sequence[str], sample_rate: float
 ) -> list[Path]:
-    """
-    Write the module and its tensors; with drives TorchScript too, which fixes their order.
+    """Write the module and its tensors; with drives TorchScript too, which fixes their order.
 
     sample_rate: in Hz, of the samples that the TorchScript file takes. Returns the files.
     InputError for a drive of no type or a rate that is no whole part of the network's.

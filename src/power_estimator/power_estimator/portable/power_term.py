@@ -1,5 +1,4 @@
-"""
-Predicted electrical power of simulated robots, as a module of plain torch.
+"""Predicted electrical power of simulated robots, as a module of plain torch.
 
 This file and a `power_term.safetensors` beside it need torch and safetensors, nothing else of
 wattwalk. `ros2 run power_estimator export` writes both.
@@ -78,8 +77,7 @@ class DriveTypeLstm(nn.Module):
 
 
 class PowerTerm(nn.Module):
-    """
-    Watts of D drives on N robots; state is carried from call to call.
+    """Watts of D drives on N robots; state is carried from call to call.
 
     N is that of the first call; with another one all robots begin anew. During the warm-up after
     a reset, and from a sample that is not finite until the next reset, a robot's watts are 0, so
@@ -100,8 +98,7 @@ class PowerTerm(nn.Module):
 
     @staticmethod
     def load(file: str | Path, drives: Sequence[str], sample_rate: float) -> 'PowerTerm':
-        """
-        Read a power term for these drives, whose order is that of the columns.
+        """Read a power term for these drives, whose order is that of the columns.
 
         sample_rate: in Hz, of the samples that it will be given: the network's own rate (200 Hz as
         a rule), or a whole part of it such as 50 Hz, where each sample is held. ValueError for
@@ -159,8 +156,7 @@ class PowerTerm(nn.Module):
         self.lost = self.lost & ~gone
 
     def forward(self, position_error: Tensor, torque: Tensor, velocity: Tensor) -> Tensor:
-        """
-        Return the mean power in W [N, D] over the samples [N, S, D] or one sample [N, D].
+        """Return the mean power in W [N, D] over the samples [N, S, D] or one sample [N, D].
 
         position_error: target − position, rad; torque: N·m; velocity: rad/s.
         """
@@ -192,8 +188,7 @@ class PowerTerm(nn.Module):
 
 
 class PowerReward:
-    """
-    Predicted watts of all drives [N], as a reward term of mjlab or Isaac Lab; weight it below 0.
+    """Predicted watts of all drives [N], a reward term of mjlab or Isaac Lab; weight it below 0.
 
     mjlab:
         'power': RewardTermCfg(func=PowerReward, weight=-4e-4,

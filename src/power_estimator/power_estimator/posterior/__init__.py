@@ -1,5 +1,4 @@
-"""
-Posterior of a power model's effects: what is missing, how sure that is, and coefficients.
+"""Posterior of a power model's effects: what is missing, how sure that is, and coefficients.
 
 A linear Gaussian model by meter (Kennedy and O'Hagan 2001): effects with broad priors, errors of
 the measurement with priors from what such sensors are known for, departures of each effect from

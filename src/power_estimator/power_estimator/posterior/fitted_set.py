@@ -68,8 +68,7 @@ def cells(
 def fit_set(
     meter: MeterProblem, actives: Sequence[Active], known: Sequence[str], start: Point
 ) -> FittedSet:
-    """
-    Fit a set of effects, each time linearised about the last, until its evidence stands still.
+    """Fit a set of effects, each time linearised about the last, until its evidence stands still.
 
     A step after which there is less evidence than before is halved.
     """

@@ -17,8 +17,7 @@ _FAR = 6.0  # standard deviations
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """
-    Normal equations at one size of the discrepancy, for S delays of the power.
+    """Normal equations at one size of the discrepancy, for S delays of the power.
 
     n effects and z nuisances are left; the smooth features are marginalised.
     """
@@ -94,8 +93,7 @@ class Weighed:
 def marginalised(
     weighed: Weighed, groups: tuple[int, int, int], sizes: tuple[Floats, Floats]
 ) -> list[NormalEquations]:
-    """
-    Marginalise smooth features, the last columns, in three groups of so many.
+    """Marginalise smooth features, the last columns, in three groups of so many.
 
     sizes: prior spreads of the first and of the second group, all of which are tried; the third
     group's is 1.
@@ -124,8 +122,7 @@ def by_delay(normal: NormalEquations, sizes: Floats) -> Floats:
 
 
 def solved(normal: NormalEquations, place: int, sizes: Floats, signed: Bools) -> Solution:
-    """
-    Solve at one delay; signed coefficients [n] are held at 0 where they would be negative.
+    """Solve at one delay; signed coefficients [n] are held at 0 where they would be negative.
 
     Of two that a recording hardly tells apart, free ones of opposite sign would mislead the next
     linearisation.
@@ -156,8 +153,7 @@ def draws(
     signed: Bools,
     random: np.random.Generator,
 ) -> Floats:
-    """
-    Draw effects and nuisances [s, n + z], signed ones from the part that is not negative.
+    """Draw effects and nuisances [s, n + z], signed ones from the part that is not negative.
 
     Gibbs steps from start [n + z] along the columns of the covariance's root, which are
     independent but for the ends.

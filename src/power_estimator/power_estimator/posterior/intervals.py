@@ -45,8 +45,7 @@ def posteriors(
 def with_intervals(
     model: EffectModel, prepared: Prepared, base: BasePower | None = None
 ) -> EffectModel:
-    """
-    The model with intervals that allow for sensors, delay and what no formula explains.
+    """The model with intervals that allow for sensors, delay and what no formula explains.
 
     Drives that share coefficients have their mean interval; the fitted value lies within, as do
     the ends within the effects' bounds. Intervals of measurement terms stay as they are.

@@ -193,8 +193,7 @@ def _scales_of(search: EffectSearch, meters: Sequence[MeterSummary]) -> Mapping[
 
 
 def _scale(name: str, one: MeterSummary, usual: Mapping[str, float]) -> float:
-    """
-    Probability that a scale is off, tempered by the discrepancy as effects are.
+    """Probability that a scale is off, tempered by the discrepancy as effects are.
 
     The meter's gain and the torque's scale are hardly told apart: of their difference, the one
     that is taken to be larger is stated.

@@ -17,8 +17,7 @@ def prior_odds(name: str) -> float:
 
 
 def tempered(before: float, after: float, ratio: float) -> float:
-    """
-    Log odds between those before and after the evidence.
+    """Log odds between those before and after the evidence.
 
     ratio: what an effect explains by itself over the discrepancy, W rms over W rms. With little of
     it, the evidence says no more than what was known before; and however long a recording is,

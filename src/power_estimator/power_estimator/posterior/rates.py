@@ -14,8 +14,7 @@ _TAPS: Final = 64
 
 
 def with_quiet_rates(signals: Signals) -> Signals:
-    """
-    Signals whose rates are those of the signals through a Wiener filter.
+    """Signals whose rates are those of the signals through a Wiener filter.
 
     Through a spring, noise of the torque comes into the motor's torque with its second rate.
     """
@@ -29,8 +28,7 @@ def with_quiet_rates(signals: Signals) -> Signals:
 
 
 def _rate(values: Floats, signals: Signals) -> Floats:
-    """
-    Time derivative [T, D] by central differences over five samples.
+    """Time derivative [T, D] by central differences over five samples.
 
     An antisymmetric stencil keeps energy: the sum of w·dw telescopes. Three samples lose a tenth
     of the rate at an eighth of the sampling rate, five lose a hundredth.

@@ -287,8 +287,7 @@ class EffectSearch:
 
 
 def representatives(meters: Sequence[MeterProblem]) -> tuple[int, ...]:
-    """
-    Choose the meters that sets are searched on: all of a few, of many SEARCHED.
+    """Choose the meters that sets are searched on: all of a few, of many SEARCHED.
 
     The largest power of each type of drive goes first, then the second largest, and so on.
     """

@@ -57,8 +57,7 @@ def spreads(signals: Signals) -> Mapping[str, float]:
 def sensor_columns(
     summed: Callable[[Floats], Floats], power: Floats, s: Signals, slope: Floats
 ) -> Floats:
-    """
-    Watts of one spread of each error, in the order of SENSORS [N, z].
+    """Watts of one spread of each error, in the order of SENSORS [N, z].
 
     summed: what a meter sees of watts [T, D, …].
     """
@@ -86,8 +85,7 @@ def sensor_columns(
 
 
 def slip(torque: Floats) -> Floats:
-    """
-    Play of a sensor's hysteresis, −1 to 1 [T, D]: it follows the torque between its ends.
+    """Play of a sensor's hysteresis, −1 to 1 [T, D]: it follows the torque between its ends.
 
     s[t] = clip(s[t − 1] + d torque / reach, −1, 1). Such steps compose to steps of their kind, so
     that all are found by doubling.

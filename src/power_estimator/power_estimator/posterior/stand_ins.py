@@ -57,8 +57,7 @@ class InSet:
 def judged_set(
     search: EffectSearch, chosen: Chosen, summaries: Sequence[MeterSummary]
 ) -> list[InSet]:
-    """
-    Judge each new effect of a set against none, and against others in its place.
+    """Judge each new effect of a set against none, and against others in its place.
 
     Evidence counts by what the effect explains that the other model can't: viscous friction is an
     iron loss beside a torque that reads low.
@@ -102,8 +101,7 @@ def ratio_of(own: Floats, left: Floats) -> float:
 def _apart_w(
     search: EffectSearch, chosen: Chosen, place: int, instead: int, left: Floats
 ) -> Floats:
-    """
-    W rms of an effect that the rest and another in its place can't show, by meter [M].
+    """W rms of an effect that the rest and another in its place can't show, by meter [M].
 
     Scales of sensors that are off by three spreads, which is hardly ever, cost as much as a ratio
     to the discrepancy (left in W rms) at which evidence counts half.

@@ -54,8 +54,7 @@ class Job:
 
 
 class CrossValidation:
-    """
-    Training and test of one network per drive type and fold (Section II-A).
+    """Training and test of one network per drive type and fold (Section II-A).
 
     data: smoothed signals for targets and scores. others: further features [T, D, 3] of the same
     samples (as the live node forms them), which training mixes in. targets: W [T, D], the measured
@@ -164,8 +163,7 @@ class CrossValidation:
         progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
         workers: int = 2,
     ) -> dict[Job, Trainer]:
-        """
-        Train all jobs on `workers` threads, each on a core of its own, keeping their state.
+        """Train all jobs on `workers` threads, each on a core of its own, keeping their state.
 
         Ctrl-C ends at the next epoch; the state reached stays in the folder.
         """
@@ -222,8 +220,7 @@ class CrossValidation:
     def test(
         self, fold: int, checkpoint: Checkpoint, judge: Judge
     ) -> tuple[tuple[JudgedModel, ...], Traces]:
-        """
-        Judge the networks, all proxies and the plain model on the fold's test part.
+        """Judge the networks, all proxies and the plain model on the fold's test part.
 
         judge: of the recordings that were trained on. Returns the models, the network first, and
         the traces for a figure.

@@ -32,8 +32,7 @@ class DistillationResult:
 
 
 class Distillation:
-    """
-    Training of a student on the teacher's outputs for the recordings' signals.
+    """Training of a student on the teacher's outputs for the recordings' signals.
 
     The recordings are split as for the teacher, so that its test part is new to the student too.
     Both are evaluated there against the measured power.

@@ -59,8 +59,7 @@ class NetworkTask:
 
 
 def train_network(task: NetworkTask) -> dict[str, NDArray[Any]]:
-    """
-    Train a network from the state in its run's folder, and return its last state.
+    """Train a network from the state in its run's folder, and return its last state.
 
     Each epoch is kept there, so that a task whose worker was lost goes on. InputError for a
     recording that differs from that of the command.

@@ -26,8 +26,7 @@ class Part(IntEnum):
 
 @dataclass(frozen=True)
 class Protocol:
-    """
-    Split of the measured samples (Section II-A).
+    """Split of the measured samples (Section II-A).
 
     The samples are cut into `segments` equal stretches and each of them into ten parts: eight
     train, one validates, one tests. Fold 0 tests on the last tenth; the other folds move the
@@ -48,8 +47,7 @@ class Protocol:
         return self.segments * TENTHS * max(2 * self.margin, 8)
 
     def labels(self, segment: NDArray[np.integer], fold: int) -> NDArray[np.int8]:
-        """
-        Return the part of each sample [T] in one fold.
+        """Return the part of each sample [T] in one fold.
 
         segment [T] numbers the gap-free stretches; below zero is a sample that cannot be used.
         """

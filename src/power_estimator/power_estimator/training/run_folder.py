@@ -26,8 +26,7 @@ CURVES = 'curves.json'
 
 
 class NetworkRunFolder:
-    """
-    Files of a training run.
+    """Files of a training run.
 
     config.yaml, recordings.yaml (cards and hashes), curves.json, table.json, model.safetensors
     (fold 0) and folds/N.safetensors. During a run state/ holds the state that --resume continues

@@ -54,8 +54,7 @@ class SweepPoint:
         return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
 
     def training(self, base: TrainerConfig) -> TrainerConfig:
-        """
-        Return the training for its use: with carried state, or windows of the history.
+        """Return the training for its use: with carried state, or windows of the history.
 
         Batches have about as many samples at every history.
         """
@@ -67,8 +66,7 @@ class SweepPoint:
 
 
 def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[SweepPoint, ...]:
-    """
-    Return the points of a sweep: units with carried state, and histories (s) at 100 units.
+    """Return the points of a sweep: units with carried state, and histories (s) at 100 units.
 
     100 units with carried state and with 0.3 s are always among them.
     """
@@ -113,8 +111,7 @@ class Result:
 
 
 class Sweep:
-    """
-    Training and test of one point after the other, all on the same held-out samples.
+    """Training and test of one point after the other, all on the same held-out samples.
 
     A finished point leaves `points/NAME/point.json` and is not repeated.
     """
@@ -144,8 +141,7 @@ class Sweep:
         workers: int = 1,
         engine: TaskEngine | None = None,
     ) -> Iterator[Result]:
-        """
-        Yield results; Ctrl-C keeps the state of the networks in training.
+        """Yield results; Ctrl-C keeps the state of the networks in training.
 
         By an engine, networks of all points are trained at the same time, and progress is told of
         ended ones; else `workers` of one point are.

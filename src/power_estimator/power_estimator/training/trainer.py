@@ -59,8 +59,7 @@ class PowerLstm(nn.Module):
 
 @dataclass(frozen=True)
 class Tracks:
-    """
-    Gap-free stretches of one drive each, end to end.
+    """Gap-free stretches of one drive each, end to end.
 
     features holds V views of the same motion (filtered with and without a look ahead, …).
     """
@@ -97,8 +96,7 @@ class Epoch:
 
 
 class Trainer:
-    """
-    Sequence-to-sequence training of one network; the weights of the best validation are kept.
+    """Sequence-to-sequence training of one network; the weights of the best validation are kept.
 
     Each of `batch` sequences passes through the data chunk by chunk. Its state is carried without
     gradient and reset at gaps and sometimes at random; the warm_up samples after a reset have no
@@ -273,8 +271,7 @@ class Trainer:
 def plan(
     edges: NDArray[np.intp], config: TrainerConfig, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], Bools]:
-    """
-    Return the order of chunks in an epoch: first rows [S, B] and resets before them [S, B].
+    """Return the order of chunks in an epoch: first rows [S, B] and resets before them [S, B].
 
     Tracks come in random order and are entered at a random row, so that chunks differ between
     epochs.

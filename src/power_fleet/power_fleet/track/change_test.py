@@ -92,8 +92,7 @@ class Change:
 
 @dataclass(frozen=True)
 class ChangeModel:
-    """
-    Estimates of a drive as level, slopes by covariates, known changes and scatter.
+    """Estimates of a drive as level, slopes by covariates, known changes and scatter.
 
     The scatter of recordings is normal with a covariance that is estimated: what recordings of
     one robot differ by is far more than the interval of each.
@@ -166,8 +165,7 @@ class ChangeModel:
 
     @cached_property
     def scatter(self) -> Floats:
-        """
-        Covariance [m, m] of the scaled estimates beside covariates, shrunk as Ledoit and Wolf do.
+        """Covariance [m, m] of scaled estimates beside covariates, shrunk as Ledoit and Wolf do.
 
         It is that of the differences of successive recordings, which a change that is not known
         yet hardly moves; one that stands out, as that across a step, counts as three standard
@@ -219,8 +217,7 @@ class ChangeModel:
         return weighted, np.asarray(np.linalg.pinv(normal, hermitian=True))
 
     def contrast(self, direction: Floats) -> tuple[Floats, Floats]:
-        """
-        Score [M] and information [M, M] of a direction [m].
+        """Score [M] and information [M, M] of a direction [m].
 
         A course f of M shares has the size f@score / (f@information@f).
         """
@@ -268,8 +265,7 @@ class ChangeModel:
         return change.statistic - change.profile.penalty(len(self.time))
 
     def by_chance(self, hypotheses: Sequence[str], orders: NDArray[np.intp]) -> Floats:
-        """
-        Largest evidence of any hypothesis and profile for each order of the recordings [B].
+        """Largest evidence of any hypothesis and profile for each order of the recordings [B].
 
         Recordings of a quiet history may change places: the covariates go with them.
         """

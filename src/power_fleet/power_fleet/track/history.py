@@ -17,8 +17,7 @@ _LEAST_OF_KIND = 3  # recordings of a motion
 
 @dataclass(frozen=True)
 class DriveHistory:
-    """
-    m estimates of one drive in M recordings, in the order of time.
+    """m estimates of one drive in M recordings, in the order of time.
 
     Covariates have mean 0 and standard deviation 1.
     """
@@ -52,8 +51,7 @@ class DriveHistory:
 
 
 def histories(fits: Sequence[RecordingFit]) -> list[DriveHistory]:
-    """
-    Histories by robot and drive.
+    """Histories by robot and drive.
 
     A drive goes by its name, behind the robot's where there are several robots.
     """

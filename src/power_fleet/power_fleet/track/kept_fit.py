@@ -44,8 +44,7 @@ class Unfit:
 def key_of(
     model: EffectModel, spec: str, effects: Sequence[Path], options: Sequence[object]
 ) -> str:
-    """
-    Return the hash of all that a fit depends on besides the recording.
+    """Return the hash of all that a fit depends on besides the recording.
 
     spec: file of the model. effects: files of the user's own effects. options: how recordings
     are read.

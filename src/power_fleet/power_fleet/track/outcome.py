@@ -157,8 +157,7 @@ class Tracked:
         return before, before + change.size
 
     def percent(self, drive: int, change: Change) -> float | None:
-        """
-        Return the change in per cent of what was before, of a gain in per cent.
+        """Return the change in per cent of what was before, of a gain in per cent.
 
         None for errors of the measurement, and where nothing was there before for certain.
         """
@@ -273,8 +272,7 @@ class Tracked:
 
 
 def model_of(model: object, spec: str) -> EffectModel:
-    """
-    Return the model, with the file of its base by an absolute path, as workers need it.
+    """Return the model, with the file of its base by an absolute path, as workers need it.
 
     InputError where it has no effects that could change.
     """
@@ -292,8 +290,7 @@ def track(
     engine: TaskEngine,
     show: Callable[[str], None] = lambda text: None,
 ) -> Tracked:
-    """
-    Fit a model to each recording and find what changes.
+    """Fit a model to each recording and find what changes.
 
     Recordings that are damaged, too short or too still are left out. Of the drives that changed
     most, recordings before and after are diagnosed; an effect that they name is tracked, too.

@@ -75,8 +75,7 @@ def read_fits(
     engine: TaskEngine,
     show: Callable[[str], None] = lambda text: None,
 ) -> Read:
-    """
-    Fit the model to each recording that the index has no fit of.
+    """Fit the model to each recording that the index has no fit of.
 
     Fits are kept in the index one by one, by this process alone. A recording that is damaged, too
     short or too still, or there twice, is left out.
@@ -124,8 +123,7 @@ def read_fits(
 
 
 def fit_stamped(request: Request, stamp: Stamp) -> Fitted:
-    """
-    Read a recording on this machine and fit the model to it.
+    """Read a recording on this machine and fit the model to it.
 
     InputError where this machine has nothing there. One that differs from what was stamped is
     left out, like one that cannot be read.

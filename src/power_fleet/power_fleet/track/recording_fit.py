@@ -35,8 +35,7 @@ class Occasion:
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """
-    A structure fitted to one recording without bounds, m coefficients for each of D meters.
+    """A structure fitted to one recording without bounds, m coefficients for each of D meters.
 
     responses[name] [D, m] is what the estimates gain for a unit of an effect or of a fault of the
     measurement. It says what two of them have in common: the offset of a current sensor raises
@@ -66,8 +65,7 @@ def fit_recording(
     window: float = 0.0,
     seed: int = 0,
 ) -> RecordingFit:
-    """
-    Fit the effects of a model and the errors of measurement to one recording, per drive.
+    """Fit the effects of a model and the errors of measurement to one recording, per drive.
 
     data: aligned, not smoothed. base: power of the model that the effects stand on, W [T, D].
     InputError for a recording that is too short or too still.
@@ -104,8 +102,7 @@ def fit_recording(
 
 
 def _solved(fitter: Fitter, fit: Fit, seed: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """
-    Coefficients [D, m] without bounds, their covariance, and the matrices behind them [D, m, m].
+    """Coefficients [D, m] without bounds, their covariance, and the matrices behind [D, m, m].
 
     A bounded estimate is no longer linear in the power: next to a bound its mean and its spread
     say little of a change. The prior of the errors of measurement stays.

@@ -61,8 +61,7 @@ def hypotheses_of(history: DriveHistory) -> list[str]:
 
 
 def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
-    """
-    Find the changes that chance alone shows in at most 5 % of quiet histories.
+    """Find the changes that chance alone shows in at most 5 % of quiet histories.
 
     The largest evidence of any drive, effect, fault and date is compared with the largest that
     the same recordings show in random orders. Changes found are taken out, and the rest is
@@ -99,8 +98,7 @@ def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
 def _one_delay(
     findings: Sequence[CertainChange], histories: Sequence[DriveHistory]
 ) -> list[CertainChange]:
-    """
-    Leave out changes of the delay that go with another change of the robot.
+    """Leave out changes of the delay that go with another change of the robot.
 
     The delay is estimated for all drives of a robot together: what changes on one of them may
     move it, and a change of the delay itself is seen on each.
@@ -145,8 +143,7 @@ def chance_of(evidence: float, limit: Floats) -> float:
 def _resolved(
     model: ChangeModel, first: Change, catalogue: Catalogue
 ) -> tuple[Change, tuple[Change, ...], ChangeModel]:
-    """
-    Return the likeliest change, those that are as likely, and the model with the first of them.
+    """Return the likeliest change, those that are as likely, and the model with the first of them.
 
     All are compared at the scatter that the first leaves.
     """

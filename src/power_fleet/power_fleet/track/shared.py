@@ -32,8 +32,7 @@ class Common:
 
 
 def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common]:
-    """
-    Levels by (effect, term) over drives, by a random-effects meta-analysis.
+    """Levels by (effect, term) over drives, by a random-effects meta-analysis.
 
     Drives that differ by more than their intervals keep their own: the spread says so.
     """
@@ -62,8 +61,7 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
 
 
 def shrunk(model: ChangeModel, common: Mapping[tuple[str, int], Common]) -> Points:
-    """
-    Posterior estimates of a drive's recordings.
+    """Posterior estimates of a drive's recordings.
 
     A recording that does not excite a coefficient takes it from the drive's other recordings,
     and a drive that never does from the other drives.

@@ -152,8 +152,7 @@ def explain(
     request: Request,
     show: Callable[[str], None],
 ) -> Unmodelled | None:
-    """
-    Diagnose a drive's recordings before and after a change, and discover what has no name.
+    """Diagnose a drive's recordings before and after a change, and discover what has no name.
 
     None where they say that the model misses no more than before.
     """

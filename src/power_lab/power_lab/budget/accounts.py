@@ -49,8 +49,7 @@ class DriveAccount:
         torque_scale: Floats,
         measurement: tuple[Floats, Floats, Floats] | None,
     ) -> 'DriveAccount':
-        """
-        Account of reduced power [N], with changes of all coefficients in draws [R, m].
+        """Account of reduced power [N], with changes of all coefficients in draws [R, m].
 
         The shaft's power is divided by its sign: what the joint gave back is regeneration.
         measurement: power of the meter's errors per unit [N, k], their estimates [k] and the

@@ -148,8 +148,7 @@ def budget(
     battery: float | None = None,
     seed: int = 0,
 ) -> Budget:
-    """
-    Account for the power of recordings by a fitted model.
+    """Account for the power of recordings by a fitted model.
 
     chosen: whether the model was; error_w: held out, where it is known; changes: factors by
     lever, in place of 10 % of each; battery: Wh.

@@ -24,8 +24,7 @@ _LEAST: Final = 0.02  # by which an effect lowers the log of the held-out square
 
 
 def chosen_effects(judge: Judge) -> list[str]:
-    """
-    Effects that a recording shows, of those that most drives have.
+    """Effects that a recording shows, of those that most drives have.
 
     Shaft, copper loss and idle are taken as they are; each other one is added while it lowers the
     held-out error by 1 % or more, the best first.

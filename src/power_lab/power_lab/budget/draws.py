@@ -29,8 +29,7 @@ _TO_DEVIATION: Final = 1.0 / 1.96  # of a 95 % interval's half
 
 @dataclass(frozen=True)
 class Draws:
-    """
-    Coefficients of a model by drive, and errors of the measurement by meter.
+    """Coefficients of a model by drive, and errors of the measurement by meter.
 
     structure and point [M, p] are the model's as the meters show it; terms are of the measurement,
     none where the model was not fitted on these recordings.
@@ -45,8 +44,7 @@ class Draws:
 
 
 def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 0) -> Draws:
-    """
-    Draw coefficients of a fitted model on recordings.
+    """Draw coefficients of a fitted model on recordings.
 
     Of recordings that it was fitted on: fits to blocks drawn anew, each with a guess of its own at
     what the formulas leave out. A departure from each formula, and every other effect of the
@@ -187,8 +185,7 @@ class _Refits:
         return self._with_departures(out)
 
     def _with_departures(self, drawn: Floats) -> Floats:
-        """
-        Coefficients of the structure [R, M, m] from those of all columns.
+        """Coefficients of the structure [R, M, m] from those of all columns.
 
         A departure from a formula is power of the same effect: its mean goes to the effect's first
         coefficient.

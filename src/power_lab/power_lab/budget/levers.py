@@ -53,8 +53,7 @@ def parse_changes(text: str) -> dict[str, float]:
 def saved(
     accounts: Accounts, changes: Mapping[str, float], misfit: float
 ) -> tuple[list[Lever], list[str]]:
-    """
-    Change of the power of all drives by each of the changes and by all of them.
+    """Change of the power of all drives by each of the changes and by all of them.
 
     Without changes, what 10 % of each lever saves, the largest first; of levers that the model
     cannot carry over, why. misfit: share of the power that the model leaves unexplained, by which
@@ -135,8 +134,7 @@ class _Trial:
 
 
 def carried_over(model: EffectModel, signals: Signals, lever: str, factor: float) -> Floats:
-    """
-    Factors [m] of a model's coefficients under a lever.
+    """Factors [m] of a model's coefficients under a lever.
 
     InputError where the model does not say what becomes of them, naming the effect.
     """

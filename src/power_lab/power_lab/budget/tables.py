@@ -43,8 +43,7 @@ def tables(
     refused: Sequence[str],
     battery: float | None,
 ) -> str:
-    """
-    Parts by size, by drive and by phase, levers, hours and differences, as text.
+    """Parts by size, by drive and by phase, levers, hours and differences, as text.
 
     accounts: of all recordings as one, then of each. battery: Wh.
     """

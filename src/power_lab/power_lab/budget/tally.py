@@ -14,8 +14,7 @@ UNEXPLAINED, METERED, ELECTRONICS = 'unexplained', 'metered', 'electronics'
 
 @dataclass(frozen=True)
 class Tally:
-    """
-    Power summed over the rows of P phases, of E parts and, last, the meter's reading.
+    """Power summed over the rows of P phases, of E parts and, last, the meter's reading.
 
     Entry 0 is the estimate, the others are draws. Tallies of several drives add up: the mean of
     a phase is that of all their rows in it, times the number of drives.
@@ -63,8 +62,7 @@ def _summed(tallies: Sequence[Tally]) -> tuple[Floats, Floats]:
 
 
 def interval(draws: Floats) -> Floats:
-    """
-    The 90 % interval of an estimate and its draws [1 + R, …], which holds the estimate.
+    """The 90 % interval of an estimate and its draws [1 + R, …], which holds the estimate.
 
     A draw in which a rare phase did not occur has NaN, and says nothing against the estimate.
     """
@@ -86,8 +84,7 @@ def blocks_of(stretches: Sequence[slice], length: int) -> NDArray[np.intp]:
 def block_sums(
     rows: Floats, masks: Sequence[Bools], block: NDArray[np.intp], often: Floats
 ) -> tuple[Floats, Floats]:
-    """
-    Sums [1 + R, P, E] and counts [1 + R, P] of rows [N, E] in phases [P, N].
+    """Sums [1 + R, P, E] and counts [1 + R, P] of rows [N, E] in phases [P, N].
 
     First as they are, then with the blocks, numbered in block [N], drawn anew: each counts often
     [R, B].
@@ -109,8 +106,7 @@ PHASES: Final = ('all', 'driving', 'braking', 'rest', 'stance', 'swing')
 def phase_masks(
     torque: Floats, velocity: Floats, standstill: Floats, feet: NDArray[np.str_] | None
 ) -> Mapping[str, Bools]:
-    """
-    Rows of each phase [N, D], from N·m and rad/s at 50 Hz; feet: words by leg, '' for none.
+    """Rows of each phase [N, D], from N·m and rad/s at 50 Hz; feet: words by leg, '' for none.
 
     At rest the speed is below standstill [D], whatever the load.
     """

@@ -27,8 +27,7 @@ _LEAST_LOAD = 3.0  # N·m, so that there is something to swing
 
 
 class BenchMotion(MotionController):
-    """
-    The segments of a motion file as commands to the drive of a stand.
+    """The segments of a motion file as commands to the drive of a stand.
 
     The pendulum is as heavy as the largest load asks for. A held load is an angle at which the
     pendulum pulls as much; at speed the load swings between plus and minus the largest one. The
@@ -67,8 +66,7 @@ def record_motion(
     overwrite: bool = False,
     progress: bool = False,
 ) -> tuple[str, float]:
-    """
-    Record a motion file into a bag; return the drive and the seconds.
+    """Record a motion file into a bag; return the drive and the seconds.
 
     drive: the first that the motion names, where none is given. challenge: its robot takes the
     place of the plant's unit. InputError for a drive that the bench does not have.

@@ -108,8 +108,7 @@ def draw(seed: int) -> Challenge:
 
 
 def seal(challenge: Challenge, bag: Path) -> Path:
-    """
-    Write the answer beside the recording, unreadable at a glance.
+    """Write the answer beside the recording, unreadable at a glance.
 
     It guards against looking by accident, not against wanting to know.
     """

@@ -31,8 +31,7 @@ _MOST = 10.0
 
 
 def to_plant(model: EffectModel, plant: Plant) -> tuple[Plant, dict[str, float]]:
-    """
-    The plant with the model's effects on at the strength that was fitted, all others off.
+    """The plant with the model's effects on at the strength that was fitted, all others off.
 
     Returns it with the strengths, each the mean over the drive types. InputError for a model
     without coefficients or with an effect that the simulator has not.

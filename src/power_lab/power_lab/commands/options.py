@@ -19,8 +19,7 @@ _WORTH_WORKERS: Final = 100_000_000  # bytes
 def reading_engine(
     place: Workplace, bags: Sequence[Path]
 ) -> AbstractContextManager[TaskEngine | None]:
-    """
-    Return what reads recordings side by side, None where it would not be worth it.
+    """Return what reads recordings side by side, None where it would not be worth it.
 
     Without --workers or --scheduler it is worth it from 100 MB: workers take seconds to begin.
     """

@@ -1,5 +1,4 @@
-"""
-Both sides of a gear: torque at the joint beside the motor's current.
+"""Both sides of a gear: torque at the joint beside the motor's current.
 
 The power balance is written twice, with the torque of either side:
 P = Kt·i·w + losses and P = a·torque·w + losses, losses = R·i² + s·|i| + b·|w| + c·w² + P0. The
@@ -125,8 +124,7 @@ class BothSides:
 def both_sides(
     prepared: Prepared, computed: frozenset[str] = frozenset(), seed: int = 0
 ) -> dict[str, BothSides]:
-    """
-    Analyse the drives that have a torque at the joint beside the current of their motor.
+    """Analyse the drives that have a torque at the joint beside the current of their motor.
 
     computed: drives whose power is a firmware's product.
     """
@@ -298,8 +296,7 @@ class _Drive:
         return float(left.var() / own.var())
 
     def _fits(self, names: Sequence[str], target: Floats | None = None) -> tuple[Floats, float]:
-        """
-        Coefficients [1 + R, m] of all blocks and of each bootstrap, and R².
+        """Coefficients [1 + R, m] of all blocks and of each bootstrap, and R².
 
         target: [N], without one the power at the delay that leaves the least error. Losses are
         not negative.

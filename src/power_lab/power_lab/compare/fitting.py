@@ -87,8 +87,7 @@ def refitted(
 
 
 def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:
-    """
-    Effects by name, apart by commas or spaces: `shaft,copper_loss idle`.
+    """Effects by name, apart by commas or spaces: `shaft,copper_loss idle`.
 
     Errors of the measurement may be named as well; every fit has them anyway. InputError for an
     unknown or repeated name.

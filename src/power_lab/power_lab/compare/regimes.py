@@ -78,8 +78,7 @@ def worst_regimes(
     count: int = 5,
     scale: DriveScale | None = None,
 ) -> list[Regime]:
-    """
-    The worst ranges over all drives, the worst first; a quantity at most once a drive.
+    """The worst ranges over all drives, the worst first; a quantity at most once a drive.
 
     residual: measured − estimated, W [N, D]; state: signals [N, D] by name; labels: words
     [N, D] by name, such as stance or controller.

@@ -10,8 +10,7 @@ _RATE = 50.0  # Hz
 
 
 def worst_stretch(residual: Floats, gap_free: Sequence[slice] = ()) -> slice:
-    """
-    The part of at most 12 s in which the squared residual is largest.
+    """The part of at most 12 s in which the squared residual is largest.
 
     gap_free: stretches of rows [N], of which the part lies in one; none: all rows are one.
     """

@@ -125,8 +125,7 @@ class Diagnosis:
 
     @cached_property
     def effects(self) -> tuple[str, ...]:
-        """
-        Names of effects that are certain, or else of those of which one is.
+        """Names of effects that are certain, or else of those of which one is.
 
         Of the latter, each has to lower the held-out error: evidence that does not is of what no
         formula explains.

@@ -16,8 +16,7 @@ from power_lab.structure.words import in_words
 
 @dataclass(frozen=True)
 class JudgedSteps:
-    """
-    A model, and its structure with the effects of each step, as the judge has them.
+    """A model, and its structure with the effects of each step, as the judge has them.
 
     A model of other recordings comes twice: as it is, and refitted here as the steps are.
     """

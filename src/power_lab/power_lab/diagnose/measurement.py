@@ -60,8 +60,7 @@ class MeasurementTerm:
 def measurement_terms(
     found: JudgedEffects, prepared: Prepared, rms_w: float, apart: Mapping[str, Floats]
 ) -> dict[str, MeasurementTerm]:
-    """
-    Errors of the sensors by name, with 95 % intervals.
+    """Errors of the sensors by name, with 95 % intervals.
 
     rms_w: the model's error, that those which matter are large against; apart: of each recording
     less the mean of all [M, R].

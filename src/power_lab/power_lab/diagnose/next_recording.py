@@ -57,8 +57,7 @@ class Motion:
         return content
 
     def within(self, limits: Mapping[str, JointLimits]) -> 'Motion':
-        """
-        The motion fitted to the limits of its drives, from where a pendulum hangs.
+        """The motion fitted to the limits of its drives, from where a pendulum hangs.
 
         That is at 0 rad, or in the middle of the range where 0 is none of it. InputError for a
         drive without limits.
@@ -89,8 +88,7 @@ def separating_motion(
     reason: str,
     scale: DriveScale | None = None,
 ) -> Motion:
-    """
-    Motions that set these effects apart, each long enough to count, slow before fast.
+    """Motions that set these effects apart, each long enough to count, slow before fast.
 
     Speeds and loads of the catalogue are those of the reference drive; with a scale they are in
     proportion to the smallest of the drives.

@@ -143,8 +143,7 @@ class Outcome:
 def diagnose(
     loaded: Loaded, model: PowerModel, spec: str, catalogue: Catalogue, seed: int = 0
 ) -> Outcome:
-    """
-    Say which effect the model misses on these recordings.
+    """Say which effect the model misses on these recordings.
 
     A model that is not made of effects is taken as the base that effects are added to; a network
     that knows the recordings counts on its test part only. InputError for recordings that are too

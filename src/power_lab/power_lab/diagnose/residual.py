@@ -17,8 +17,7 @@ _OF_FORMULAS = 'departures of'  # causes that are an effect's departure from its
 
 
 def missed_w2(evidence: Evidence, prepared: Prepared) -> Floats:
-    """
-    Squared held-out error of a model, W² [M], without what no model can follow.
+    """Squared held-out error of a model, W² [M], without what no model can follow.
 
     That is the meter's noise, and what the joint signals do between two samples.
     """
@@ -31,8 +30,7 @@ def missed_w2(evidence: Evidence, prepared: Prepared) -> Floats:
 def residual(
     found: JudgedEffects, base: Evidence, best: Evidence, prepared: Prepared
 ) -> Residual | None:
-    """
-    Error that stays with the names.
+    """Error that stays with the names.
 
     None below what a good sensor's scale is off by, of the rms power: on average over the meters,
     or twice that on one alone.

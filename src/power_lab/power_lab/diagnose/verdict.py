@@ -13,8 +13,7 @@ MOST_WORDS = 25
 
 
 def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
-    """
-    Verdict in at most 25 words, with the number that matters.
+    """Verdict in at most 25 words, with the number that matters.
 
     before, after: held-out error of the model, and with the effects that are certain, W.
     """

@@ -172,8 +172,7 @@ class Discoverer:
         return one, '', likely
 
     def _least_of_time(self, option: Option, point: Linearisation) -> float:
-        """
-        Share of what time explains that an option must explain not to be time.
+        """Share of what time explains that an option must explain not to be time.
 
         A power over a driver that hardly changes within a second is hard to tell from a course in
         time. A voltage that goes with it is a cause; a temperature rises in most recordings.

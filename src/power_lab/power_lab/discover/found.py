@@ -122,8 +122,7 @@ def interval_of(
 
 
 def bounds_of(between: Floats, values: Floats) -> list[tuple[float, float]]:
-    """
-    Bounds of each coefficient from intervals [d, n, 2] and coefficients [d, n] of one fit.
+    """Bounds of each coefficient from intervals [d, n, 2] and coefficients [d, n] of one fit.
 
     Wider than the bootstrap's interval, so that another recording may differ; they keep the sign
     where interval and coefficients do, and hold all coefficients.

@@ -55,8 +55,7 @@ def named_instead(
     least: Floats,
     gain: float,
 ) -> Named | None:
-    """
-    Return the candidate of the catalogue that explains what a formula gains, W², if one does.
+    """Return the candidate of the catalogue that explains what a formula gains, W², if one does.
 
     Or the first of two that do together.
     """
@@ -80,8 +79,7 @@ def best_named(
     examined: Callable[[Structure, Evidence], Evidence],
     least: Floats,
 ) -> Named | None:
-    """
-    Return the candidate of the catalogue that explains most beside a model, if any is left.
+    """Return the candidate of the catalogue that explains most beside a model, if any is left.
 
     least: W² [D] that counts as explained on a drive.
     """
@@ -105,8 +103,7 @@ def best_named(
 def same_term(
     formula: Formula, fits: Sequence[Fit], point: Linearisation, prepared: Prepared
 ) -> str:
-    """
-    Name of a term of fitted models that the formula repeats on all its drives, '' for none.
+    """Name of a term of fitted models that the formula repeats on all its drives, '' for none.
 
     A term counts with its allowed departure: copper loss of a bent exponent is copper loss.
     """

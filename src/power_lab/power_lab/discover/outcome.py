@@ -199,8 +199,7 @@ def discover(
     show: Show = lambda text: None,
     seed: int = 0,
 ) -> DiscoveryOutcome:
-    """
-    Learn what the model misses on these recordings, and test it on another one.
+    """Learn what the model misses on these recordings, and test it on another one.
 
     InputError for recordings that are too short or too still, and where only the whole robot was
     metered.

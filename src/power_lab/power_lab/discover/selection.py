@@ -45,8 +45,7 @@ class Option:
 def options(
     explained: Explained, least: Mapping[int, float], floor: Mapping[int, float]
 ) -> list[Option]:
-    """
-    Families in the order of what they explain, each with its formula.
+    """Families in the order of what they explain, each with its formula.
 
     least: W² by drive that counts as explained at all; floor: W² that can be judged.
     """
@@ -62,8 +61,7 @@ def options(
 def without_known(
     ranked: Sequence[Option], term_of: Callable[[Formula], str]
 ) -> tuple[list[Option], str]:
-    """
-    Options that repeat no term of the model, and the first term that one repeats ('' for none).
+    """Options that repeat no term of the model, and the first term that one repeats ('' for none).
 
     None are left where those that repeat a term explain clearly more.
     """

@@ -17,8 +17,7 @@ Examined = Callable[[Structure, Evidence], Evidence]
 def without_superseded(
     found: Sequence[Found], best: Evidence, structure: Structure, examined: Examined, floor: Floats
 ) -> tuple[list[Found], Evidence]:
-    """
-    Effects that the model needs beside each other, the largest first, and the fit with them.
+    """Effects that the model needs beside each other, the largest first, and the fit with them.
 
     A course in time may stand for a cause that is found after it, a square for an excess over a
     limit. best: the fit with all of them; structure: of that; floor: W [D].

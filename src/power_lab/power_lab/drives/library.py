@@ -1,5 +1,4 @@
-"""
-The library of identified real drives.
+"""The library of identified real drives.
 
 Each is a folder of `identified/`: `model.yaml` (effects with intervals), `drive.yaml` (what was
 recorded, by whom, what it does not determine) and `drive.png`. The logs are not in it.

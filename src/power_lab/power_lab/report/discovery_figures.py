@@ -19,8 +19,7 @@ def shape_and_formula(
     share: Floats,
     axes: tuple[str, str],
 ) -> Figure:
-    """
-    Free shape with its band of two standard errors, the formula over it, and the samples below.
+    """Free shape with its band of two standard errors, the formula over it, and the samples below.
 
     nodes, shape, error, formula, share: [K].
     """

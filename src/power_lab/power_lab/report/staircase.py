@@ -29,8 +29,7 @@ class Stairs:
         loaded: Loaded,
         noise: NDArray[np.float64],
     ) -> 'Stairs':
-        """
-        Make a staircase of a model's history and of models as they are judged now.
+        """Make a staircase of a model's history and of models as they are judged now.
 
         The first of these is the model, whose errors the history ends with. Steps whose errors are
         of other recordings or meters, or were held out in another way, are left out. noise: of the

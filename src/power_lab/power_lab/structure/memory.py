@@ -23,8 +23,7 @@ def after_rest(
     seconds: float,
     travel: float,
 ) -> Floats:
-    """
-    State of rest, 0 in motion to 1 once the joint has stood [T].
+    """State of rest, 0 in motion to 1 once the joint has stood [T].
 
     It grows within 0.3 s of rest, and fades over seconds of motion, or over rad of travel where
     seconds are 0. All steps are composed by doubling, so that no loop runs over the samples.
@@ -43,8 +42,7 @@ def after_rest(
 
 
 def play(values: Floats, before: Floats | None, width: float) -> Floats:
-    """
-    Place within a play, −1 to 1 [T]: it follows the values and sticks where they turn round.
+    """Place within a play, −1 to 1 [T]: it follows the values and sticks where they turn round.
 
     All clamps of the play are composed by doubling, so that no loop runs over the samples.
     """

@@ -18,8 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Moments:
-    """
-    Normal equations of columns and power, by fold.
+    """Normal equations of columns and power, by fold.
 
     The last of the training ones is of everything.
     """

@@ -50,8 +50,7 @@ class _Targets:
 
 
 class DriverScreen:
-    """
-    Screens the families of one drive on reduced signals.
+    """Screens the families of one drive on reduced signals.
 
     Driver and factor are reduced apart here, and the base's coefficients keep to their bounds only
     where they stand at one: this ranks families and says what comes by chance; shapes are learned
@@ -137,8 +136,7 @@ class DriverScreen:
 
     @cached_property
     def _turned(self) -> _Targets:
-        """
-        The residual, and with the signs of its pieces drawn at random.
+        """The residual, and with the signs of its pieces drawn at random.
 
         For motions that repeat themselves: moved by whole periods a residual agrees with the
         joint as before.
@@ -199,8 +197,7 @@ class DriverScreen:
 
 
 def chance(screened: Sequence[Sequence[DriverGain]], errors: Sequence[float]) -> float:
-    """
-    Chance that the largest share explained would come out of residuals without a cause.
+    """Chance that the largest share explained would come out of residuals without a cause.
 
     screened: by drive; errors: W² by row of each drive. The largest share over all drives and
     drivers is compared with the largest of each of them.

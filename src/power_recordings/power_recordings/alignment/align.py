@@ -64,8 +64,7 @@ def align(
     drives: Sequence[str] | None = None,
     need_power: bool = True,
 ) -> AlignedDataset:
-    """
-    Align one recording on one time grid.
+    """Align one recording on one time grid.
 
     Samples are placed by their stamps. Power is voltage × current of each 1 kHz sample; it is
     low-passed (`filters.antialias`) and evaluated on a 400 Hz grid in step with the joint states,
@@ -114,8 +113,7 @@ def load_aligned(
     drives: Sequence[str] | None = None,
     need_power: bool = True,
 ) -> AlignedDataset:
-    """
-    Align several recordings as by `align` and join them.
+    """Align several recordings as by `align` and join them.
 
     Raises InputError as `align` does, and for recordings of different joints unless `drives` gives
     those to take.
@@ -132,8 +130,7 @@ def load_aligned(
 
 
 def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
-    """
-    Join aligned recordings, with the joints in the order of the first.
+    """Join aligned recordings, with the joints in the order of the first.
 
     InputError for recordings of different joints, or of torques of different kinds.
     """

@@ -18,8 +18,7 @@ DRIVE_SIGNALS = (
 
 @dataclass(frozen=True)
 class AlignedDataset:
-    """
-    Signals of D drives on one time grid of T samples.
+    """Signals of D drives on one time grid of T samples.
 
     A segment is a stretch without gaps; filters, networks and derivatives stop at its borders.
     Signals that were not recorded are NaN.
@@ -57,8 +56,7 @@ class AlignedDataset:
         recording: str,
         **signals: ArrayLike,
     ) -> 'AlignedDataset':
-        """
-        Return one segment of one recording in which all signals but those given are NaN.
+        """Return one segment of one recording in which all signals but those given are NaN.
 
         time: s [T]. signals: of DRIVE_SIGNALS, broadcast to [T, D].
         """

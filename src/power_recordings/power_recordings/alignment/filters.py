@@ -1,5 +1,4 @@
-"""
-Linear-phase, centred filters: they do not shift a signal in time.
+"""Linear-phase, centred filters: they do not shift a signal in time.
 
 scipy is imported where it is used: it would delay the refusal of wrong arguments.
 """
@@ -18,8 +17,7 @@ _POLYORDER = 2
 
 
 def windowed_sinc(time: Floats, cutoff: float, half_width: float, beta: float) -> Floats:
-    """
-    Return the taps at times in s of a low-pass FIR filter, with a gain of exactly 1 at 0 Hz.
+    """Return the taps at times in s of a low-pass FIR filter, with a gain of exactly 1 at 0 Hz.
 
     cutoff: −6 dB, in Hz. half_width: of the Kaiser window with shape `beta`, in s.
     """
@@ -30,8 +28,7 @@ def windowed_sinc(time: Floats, cutoff: float, half_width: float, beta: float) -
 
 @cache
 def low_pass(rate: float, passband: float, stopband: float) -> Floats:
-    """
-    Return the taps of a low-pass FIR filter for signals at `rate` Hz.
+    """Return the taps of a low-pass FIR filter for signals at `rate` Hz.
 
     It is flat within 0.2 % up to `passband` Hz and at least 58 dB down from `stopband` Hz on.
     """
@@ -44,8 +41,7 @@ def low_pass(rate: float, passband: float, stopband: float) -> Floats:
 
 
 def antialias(rate: float, lower: float) -> Floats:
-    """
-    Return the low-pass for going from `rate` to `lower` Hz; a single 1 for (nearly) equal rates.
+    """Return the low-pass from `rate` to `lower` Hz; a single 1 for (nearly) equal rates.
 
     Its passband ends at a quarter of the lower rate and its stopband begins at half of it.
     """
@@ -60,8 +56,7 @@ def gain(taps: Floats, frequency: float, rate: float) -> float:
 
 @cache
 def smoothing(rate: float, cutoff: float = SMOOTHING) -> Floats:
-    """
-    Return the quadratic Savitzky-Golay filter whose −3 dB point is nearest to `cutoff` Hz.
+    """Return the quadratic Savitzky-Golay filter whose −3 dB point is nearest to `cutoff` Hz.
 
     The window is a whole number of samples; at 400 Hz, 12.18 Hz is nearest to 12.5 Hz.
     """
@@ -83,8 +78,7 @@ def _cutoff(window: int, rate: float) -> float:
 
 
 def centred(values: NDArray[Any], taps: Floats) -> Singles:
-    """
-    Filter values [N, …] along time where all taps have samples: [N − len(taps) + 1, …].
+    """Filter values [N, …] along time where all taps have samples: [N − len(taps) + 1, …].
 
     A NaN affects only the outputs whose taps cover it.
     """
@@ -104,8 +98,7 @@ _LEAST_VARIANCE = 1e-4  # of the largest over all lags, below which a signal cou
 def masked_correlation(
     a: Floats, known_a: Floats, b: Floats, known_b: Floats, *, centred: bool = True
 ) -> tuple[Floats, Floats, Floats]:
-    """
-    Return correlation, number of common samples and lag of b behind a's start, for all lags.
+    """Return correlation, number of common samples and lag of b behind a's start, for all lags.
 
     Signals [A] and [B] are 0 and masks 0 where unknown, masks 1 elsewhere. Not `centred`, the
     means over the overlap are not removed. Method: Padfield, "Masked object registration in the

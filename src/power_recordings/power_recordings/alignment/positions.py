@@ -11,8 +11,7 @@ _CLEAR = 0.8  # correlation of the two
 
 
 def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
-    """
-    Return positions in rad without the jumps of an encoder that starts anew every turn, [N].
+    """Return positions in rad without the jumps of an encoder that starts anew every turn, [N].
 
     A jump counts where the positions stay within one turn and the velocity in rad/s, not the jump,
     determines how far the drive went; other positions are returned as they are.
@@ -31,8 +30,7 @@ def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
 
 
 def stands_still(position: Singles | Floats) -> bool:
-    """
-    Return whether a drive stands still, so that no rate determines its position.
+    """Return whether a drive stands still, so that no rate determines its position.
 
     What moves by less than the 1st to 99th percentile is left out; noise of an encoder and give of
     a stalled shaft stay within 0.2 rad.

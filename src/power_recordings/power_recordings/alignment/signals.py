@@ -27,8 +27,7 @@ _MOST_VOLTS = 1000.0
 
 @dataclass(frozen=True)
 class RecordedSignals:
-    """
-    The signals of D drives, of which M were measured.
+    """The signals of D drives, of which M were measured.
 
     Streams hold their signals side by side: joints position | velocity | torque [N, 3 D],
     electrics power | voltage | current | temperature [N, 4 M]. Floats are s after `start_ns`.

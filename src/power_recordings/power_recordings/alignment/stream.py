@@ -13,8 +13,7 @@ from power_recordings.reading.ordering import longest_step
 
 @dataclass(frozen=True)
 class Stream:
-    """
-    K signals at N times, in runs without gaps.
+    """K signals at N times, in runs without gaps.
 
     A run ends before a step that is a gap (`longest_step`), at a sample that is marked bad (which
     is in no run), and before a sample that is marked `apart` from the one before.
@@ -66,8 +65,7 @@ class Stream:
         return np.where(same, self.values[place], np.nan).astype(np.float32)
 
     def sample(self, grid: Floats) -> Singles:
-        """
-        Return the values at the times of a uniform grid, [T, K]; NaN outside the runs.
+        """Return the values at the times of a uniform grid, [T, K]; NaN outside the runs.
 
         A stream that is faster than the grid is low-passed first (`filters.antialias`).
         Interpolation is by a cubic through the four nearest samples.

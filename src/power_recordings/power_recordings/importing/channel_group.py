@@ -18,8 +18,7 @@ _TURN: Final = 2 * np.pi
 
 @dataclass
 class PositionRates:
-    """
-    Central differences of some columns, as rows come.
+    """Central differences of some columns, as rows come.
 
     v[i] = (q[i + w] − q[i − w]) / (t[i + w] − t[i − w]), with w the rows of 10 ms, at least one.
     It does not lag; it is NaN at both ends and across gaps. A position within one turn that
@@ -107,8 +106,7 @@ class _Buffer:
 
 
 class Merger:
-    """
-    Columns of several streams on the times of the first.
+    """Columns of several streams on the times of the first.
 
     widths: columns of each stream, the reference first. `add` takes rows as they are read; `take`
     gives the reference's rows, all columns side by side, as far as every stream has come.
@@ -157,8 +155,7 @@ class _Feed:
 
 @dataclass
 class ChannelGroup:
-    """
-    The channels that make one topic, with their drives.
+    """The channels that make one topic, with their drives.
 
     Columns of a table that have values in some rows only (torque at 5 Hz beside power at 100 Hz,
     or topics that take turns) count as streams of their own. All streams are put on the times of

@@ -157,8 +157,7 @@ def import_logs(
     *,
     overwrite: bool = False,
 ) -> Imported:
-    """
-    Write logs, one after the other, as one recording with a card.
+    """Write logs, one after the other, as one recording with a card.
 
     where: the name of the map, for errors. progress is told the bytes read so far. Raises
     InputError for logs that do not have what the map names or whose times are of no use; nothing

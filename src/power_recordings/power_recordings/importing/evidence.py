@@ -148,8 +148,7 @@ def _likely(fit: _Fit, unit: str, stated: bool) -> bool:
 
 
 def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
-    """
-    Fit the power of a drive.
+    """Fit the power of a drive.
 
     None for τω itself, too few rows, or a power that torque × speed hardly moves. Where the power
     falls as τω rises, the sign of the power is wrong if losses would be fed by it, else that of

@@ -162,8 +162,7 @@ class _Drive:
             taken['motor_current'] = replace(taken.pop('current'), quantity='winding')
 
     def lines(self, best: Choice | None, metered: bool) -> list[str]:
-        """
-        Return one line a quantity, and what is lacking.
+        """Return one line a quantity, and what is lacking.
 
         best: the choice of a drive of the log that decides the unit of speeds. metered: there is
         a supply of the whole robot.

@@ -1,5 +1,4 @@
-"""
-Import maps (`format: import/1`): where the signals of a log are and what units they have.
+"""Import maps (`format: import/1`): where the signals of a log are and what units they have.
 
 DESIGN: a map names columns of the log, never code. Ready maps lie in `maps/` and go by name.
 """
@@ -24,8 +23,7 @@ _Scale = Annotated[float, Quantity(-1e12, 1e12)]
 
 @schema
 class Signal:
-    """
-    One quantity: a column of the log (`source`, `from` in the file) or a constant `value`.
+    """One quantity: a column of the log (`source`, `from` in the file) or a constant `value`.
 
     Or a `sum` of products of columns, as `[[vq, iq], [vd, id]]`; `computed` marks a power that is
     such a formula of a firmware and no meter's reading. A value of the log is converted from
@@ -66,8 +64,7 @@ class Signal:
 
 @schema
 class DriveMap:
-    """
-    The signals of one drive; those that were not recorded are left out.
+    """The signals of one drive; those that were not recorded are left out.
 
     gear_ratio: turns of the motor to one of the joint, which everything but signals `at: motor`
     belongs to. motor_current makes the torque, of its quadrature axis. An efficiency, or a loss in
@@ -116,8 +113,7 @@ class TimeColumn:
 
 @schema
 class TimeMap:
-    """
-    A column of times, several that are added, or the constant rate [Hz] of a log that has none.
+    """A column of times, several that are added, or the constant rate [Hz] of a log that has none.
 
     Without a unit, the one in the column's head counts, or else s. The rows of a `steady` log are
     operating points in any order.

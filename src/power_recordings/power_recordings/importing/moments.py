@@ -33,8 +33,7 @@ def is_date(text: str) -> bool:
 
 
 def moments(texts: NDArray[Any], where: str) -> Stamps:
-    """
-    Return texts [N] in ns since 1970, or since midnight without a date; -1 for empty ones.
+    """Return texts [N] in ns since 1970, or since midnight without a date; -1 for empty ones.
 
     Of dates with the year last the month comes first where a text has AM or PM or the second
     number is no month. InputError, which begins with `where`, for a text that is no time.

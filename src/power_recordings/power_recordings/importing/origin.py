@@ -43,8 +43,7 @@ class PowerFormula:
 def recognise(
     power: Floats, columns: Mapping[str, Floats], meter: Sequence[str] = ()
 ) -> PowerFormula | None:
-    """
-    Return the formula by which a power [N] was computed from other columns [N], if one fits.
+    """Return the formula by which a power [N] was computed from other columns [N], if one fits.
 
     meter: the columns that the power itself is made of; their own product is no formula.
     """
@@ -135,8 +134,7 @@ _COLUMNS: Final = 60  # that a power may be computed from
 
 
 def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str], list[str]]:
-    """
-    Return the formulas of the drives whose power is computed, and notes on energy counters.
+    """Return the formulas of the drives whose power is computed, and notes on energy counters.
 
     The first rows of a table are looked at; the topics of a bag are not.
     """

@@ -32,8 +32,7 @@ _LONGEST_MATCHED = 500
 
 @dataclass(frozen=True)
 class LogChannel:
-    """
-    One quantity of a drive or of the supply: its columns and conversion.
+    """One quantity of a drive or of the supply: its columns and conversion.
 
     terms: columns of one stream whose products are added; none of a constant `value`.
     """
@@ -75,8 +74,7 @@ class LogChannel:
 
 @dataclass(frozen=True)
 class ShaftPower(LogChannel):
-    """
-    Power that a drive draws for torque × speed at an efficiency, or with a loss in W.
+    """Power that a drive draws for torque × speed at an efficiency, or with a loss in W.
 
     A drive that brakes returns torque × speed × efficiency.
     """
@@ -155,8 +153,7 @@ class ImportPlan:
 def make_plan(
     mapping: ImportMap, columns: Sequence[LogColumn], where: str, is_bag: bool
 ) -> ImportPlan:
-    """
-    Find the columns that a map names.
+    """Find the columns that a map names.
 
     Raises InputError, which begins with `where`, for columns that are not there (with those that
     are spelled alike), units that do not fit, and quantities that cannot stand alone.
@@ -229,8 +226,7 @@ def fitting_maps(source: LogSource) -> list[str]:
 def expand(
     drives: Mapping[str, DriveMap], addresses: Sequence[str], where: str
 ) -> dict[str, DriveMap]:
-    """
-    Replace drives whose name has a `*` by those that the log has.
+    """Replace drives whose name has a `*` by those that the log has.
 
     The star stands for the same text in the name and in each `from`. A `*` that nothing fits is an
     InputError.

@@ -27,8 +27,7 @@ _UNITS = ('s', 'ms', 'us', 'ns')
 
 @dataclass(frozen=True)
 class TimedRows:
-    """
-    Rows of a block that are kept, in the order of time.
+    """Rows of a block that are kept, in the order of time.
 
     rows [K] of the block, of which those from each of `starts` [N] to the next share stamps [N].
     """
@@ -55,8 +54,7 @@ _NONE = np.zeros(0, np.intp)
 
 @dataclass
 class LogClock:
-    """
-    Turns the times of one log into ascending stamps, block by block.
+    """Turns the times of one log into ascending stamps, block by block.
 
     Rows with the time of the row before are merged with it. A time that goes back by more than
     half a second starts a new part, which follows 1 s after the last; rows that come later than
@@ -173,8 +171,7 @@ class LogClock:
         return np.where(bad, -1, result)
 
     def _added(self, columns: Sequence[NDArray[Any]]) -> Stamps:
-        """
-        Return the sum of columns: numbers, dates, times of day.
+        """Return the sum of columns: numbers, dates, times of day.
 
         Each column is rounded to ns by itself: float64 holds no ns of seconds since 1970. Times of
         day without a date go on over midnight.

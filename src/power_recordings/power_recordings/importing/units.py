@@ -137,8 +137,7 @@ def _spelled(unit: str) -> str:
 
 @cache
 def conversion(unit: str, quantity: str) -> Conversion:
-    """
-    Return the conversion from a unit to that of a quantity in a recording (`SI`).
+    """Return the conversion from a unit to that of a quantity in a recording (`SI`).
 
     Raises InputError for a unit that is unknown or of another dimension.
     """

@@ -21,8 +21,7 @@ _WHOLE = (1 << 63) - 1  # that SQLite's numbers go to
 
 @dataclass(frozen=True)
 class Stamp:
-    """
-    Path, bytes and dates of a recording's files and its card.
+    """Path, bytes and dates of a recording's files and its card.
 
     size and changed are sums over the files, so that a change of any of them is seen; changed is
     of their dates in ns, modulo 2⁶³.
@@ -34,8 +33,7 @@ class Stamp:
 
     @classmethod
     def of(cls, path: Path) -> Self:
-        """
-        Stamp a bag folder or file; InputError where there is none.
+        """Stamp a bag folder or file; InputError where there is none.
 
         Take it before the files are read: what is written to them after that is a change.
         """
@@ -124,8 +122,7 @@ def usual_path() -> Path | None:
 
 
 class RecordingIndex:
-    """
-    Answers by recording, in a file that several processes may use at once.
+    """Answers by recording, in a file that several processes may use at once.
 
     An answer counts for the stamp that it was kept with: a recording that changed has none. Each
     is on disk when `keep` returns. A file that is torn, or of another version, is begun anew; one

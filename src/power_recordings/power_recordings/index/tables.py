@@ -66,8 +66,7 @@ def recordings_below(folder: Path) -> Iterator[Path]:
 
 
 def add_cards(index: RecordingIndex, folders: Sequence[Path]) -> tuple[int, list[str]]:
-    """
-    Put the cards of all recordings in folders into the index.
+    """Put the cards of all recordings in folders into the index.
 
     Return the number of those that are new or changed, and the reasons for those left out.
     """
@@ -88,8 +87,7 @@ def add_cards(index: RecordingIndex, folders: Sequence[Path]) -> tuple[int, list
 
 
 def export(index: RecordingIndex, folder: Path) -> None:
-    """
-    Write three Parquet files into a folder: recordings, and figures by recording and drive.
+    """Write three Parquet files into a folder: recordings, and figures by recording and drive.
 
     InputError where pyarrow is not installed; RecordingError where a file cannot be written.
     """

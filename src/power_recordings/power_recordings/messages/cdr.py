@@ -30,8 +30,7 @@ P = ParamSpec('P')
 
 
 def definitions() -> Path:
-    """
-    Return the folder of drive_power_msgs' .msg files: of ROS, the checkout or the wheels.
+    """Return the folder of drive_power_msgs' .msg files: of ROS, the checkout or the wheels.
 
     Raises InputError if there is none.
     """
@@ -79,8 +78,7 @@ def type_hash(type_name: str) -> str:
 
 
 def serialize(type_name: str, message: Any) -> bytes:
-    """
-    Return the CDR bytes (little-endian, with encapsulation header) of a message by `message`.
+    """Return the CDR bytes (little-endian, with encapsulation header) of a message by `message`.
 
     Raises InputError if a field is missing or has a wrong type.
     """
@@ -99,8 +97,7 @@ def deserialize(type_name: str, cdr: bytes | memoryview) -> Any:
 
 
 def message(type_name: str, **values: Any) -> Any:
-    """
-    Build a message with the given fields; the others are zero or empty.
+    """Build a message with the given fields; the others are zero or empty.
 
     Nested messages may be dicts of their fields, numeric arrays any array-like.
     Raises InputError for a field that the type does not have.
@@ -137,8 +134,7 @@ def _field(desc: Any, value: Any) -> Any:
 def encode_block(
     type_name: str, stamps_ns: NDArray[np.int64], columns: Mapping[str, ArrayLike], **constant: Any
 ) -> NDArray[np.uint8]:
-    """
-    Encode N messages [N, size] that differ in numbers only, with the same bytes as `serialize`.
+    """Encode N messages [N, size] that differ in numbers only, with the same bytes as `serialize`.
 
     constant: fields that all messages share, as for `message`; they set the lengths of arrays.
     columns: values by the dotted path of a field, [N] or [N, length].
@@ -180,8 +176,7 @@ def joint_state_block(
     effort: ArrayLike | None = None,
     frame_id: str = '',
 ) -> NDArray[np.uint8]:
-    """
-    Encode N sensor_msgs/JointState of D joints from arrays [N, D]; None: an empty array.
+    """Encode N sensor_msgs/JointState of D joints from arrays [N, D]; None: an empty array.
 
     Also the type of joint_commands (position only), motor_current and foot_force (effort only).
     """
@@ -209,8 +204,7 @@ def drive_supply_blocks(
     samples_per_message: int = 1,
     frame_id: str = '',
 ) -> list[NDArray[np.uint8]]:
-    """
-    Encode N samples of D drives as ceil(N / samples_per_message) drive_power_msgs/DriveSupply.
+    """Encode N samples of D drives as ceil(N / samples_per_message) drive_power_msgs/DriveSupply.
 
     The messages of samples_per_message samples are the first block; what is left over, if any, is
     a message in a block of its own. stamps_ns, device_time [N] ns; voltage V, current A, status

@@ -41,8 +41,7 @@ class Column:
 
 
 class Layout:
-    """
-    Offsets of all numbers in a message, taken from an example.
+    """Offsets of all numbers in a message, taken from an example.
 
     They are valid for all messages of the type with the same strings and array lengths.
     Keys of `columns` and `strings` are dotted paths, e.g. `header.stamp.sec`. fields: definitions

@@ -15,8 +15,7 @@ from power_recordings.reading.reader import Recording
 
 @dataclass(frozen=True)
 class Finding:
-    """
-    Something that is amiss in a recording.
+    """Something that is amiss in a recording.
 
     code: for programs. `severity`: `error` makes the recording useless for a power model as it is,
     `warning` does not. mend: the line of an import map that would mend it, '' where none would.

@@ -18,8 +18,7 @@ class Slope:
 
 
 def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | None:
-    """
-    Return the slope of the velocity on the rate of the position [N]; 1 where both agree.
+    """Return the slope of the velocity on the rate of the position [N]; 1 where both agree.
 
     None where the drive does not move enough to tell. The rate is taken over windows in which the
     change of position is well above its noise.
@@ -41,8 +40,7 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
 
 @dataclass(frozen=True)
 class ShaftBalance:
-    """
-    Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, with its standard error and R² of the whole.
+    """Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, its standard error, R² of the whole.
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W.
@@ -68,8 +66,7 @@ class ShaftBalance:
 
 
 def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalance | None:
-    """
-    Return the balance of a drive's power [N], or of a robot's with its drives' motion [N, D].
+    """Return the balance of a drive's power [N], or of a robot's with its drives' motion [N, D].
 
     None for too few samples.
     """
@@ -105,8 +102,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
-    """
-    Return the R² of P = a·τω + b·τ² + d: the power that the torque draws.
+    """Return the R² of P = a·τω + b·τ² + d: the power that the torque draws.
 
     None for too few samples, or a power that does not vary.
     """
@@ -121,8 +117,7 @@ def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
 
 
 def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, float]:
-    """
-    Return how much of torque–speed space was visited: share of cells, share of quadrants.
+    """Return how much of torque–speed space was visited: share of cells, share of quadrants.
 
     The space is the box from the 1st to the 99th percentile of each; a quadrant counts from 2 % of
     the samples on.

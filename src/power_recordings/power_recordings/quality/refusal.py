@@ -13,8 +13,7 @@ _STRETCH = 120  # s, that units and signs are checked on
 
 
 def slowest_power(recording: Recording, drives: Collection[str] = ()) -> tuple[str, float]:
-    """
-    Return the meter whose power changes least often, a drive or `supply`, and its changes/s.
+    """Return the meter whose power changes least often, a drive or `supply`, and its changes/s.
 
     drives: those that are judged; all where none is named.
     """
@@ -30,8 +29,7 @@ def slowest_power(recording: Recording, drives: Collection[str] = ()) -> tuple[s
 
 
 def _liveliest(recording: Recording) -> Recording:
-    """
-    Return the stretch of a long recording in which the joints move most.
+    """Return the stretch of a long recording in which the joints move most.
 
     A unit or a sign is wrong throughout, and shows in motion.
     """

@@ -16,8 +16,7 @@ _EACH_ROW = 0.8  # share of rows that change from which on each row is an update
 
 @dataclass(frozen=True)
 class Timing:
-    """
-    Rate, gaps and jitter of a topic's samples.
+    """Rate, gaps and jitter of a topic's samples.
 
     rate: 1/median step, Hz. jitter: half of the span from the 1st to the 99th percentile of the
     steps, as a share of the median. gap_seconds: sum of the steps that are gaps.
@@ -61,8 +60,7 @@ def timing(stamps: Stamps) -> Timing:
 
 
 def updates(stamps: Stamps, values: Singles) -> Floats:
-    """
-    Return how often each of the columns [N, K] changes, in changes a second [K].
+    """Return how often each of the columns [N, K] changes, in changes a second [K].
 
     A table may repeat a slow meter's value in every row: rows are not updates. Time in gaps and
     while the drive rests is not counted: the median rate of changes over stretches of 2 s is taken
@@ -95,8 +93,7 @@ def updates(stamps: Stamps, values: Singles) -> Floats:
 
 
 def clipped(values: Singles) -> float:
-    """
-    Return the share of samples [N] that stand at one and the same extreme value in a row.
+    """Return the share of samples [N] that stand at one and the same extreme value in a row.
 
     An extreme near zero is rest, not clipping.
     """

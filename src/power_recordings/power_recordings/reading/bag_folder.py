@@ -22,8 +22,7 @@ _COMPUTED = re.compile(r'\b(virtual|generated|as)\b', re.IGNORECASE)
 
 
 class SqliteFile:
-    """
-    A .db3 file, read only and without running what is stored in it: plain tables alone are read.
+    """A .db3 file, read only, without running what is stored in it: plain tables alone are read.
 
     `problems` is complete once `batches` is exhausted. Raises InputError for anything else.
     """
@@ -119,8 +118,7 @@ class Bag:
         skip: Callable[[Mapping[str, int]], bool] | None = None,
         every: int = 1,
     ) -> Iterator[Batch]:
-        """
-        Yield all messages; add to `problems` and to the declared `topics`.
+        """Yield all messages; add to `problems` and to the declared `topics`.
 
         skip: returns whether to omit a chunk, given its numbers of messages by topic where known.
         every: read only every n-th chunk of an MCAP file.
@@ -154,8 +152,7 @@ def check_recordings(paths: Iterable[Path]) -> None:
 
 
 def find(path: Path) -> Bag:
-    """
-    Return the bag at path, which is its folder or its .mcap or .db3 file.
+    """Return the bag at path, which is its folder or its .mcap or .db3 file.
 
     Raises InputError if there is none, or if it is compressed as a whole.
     """

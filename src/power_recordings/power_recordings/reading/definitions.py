@@ -18,8 +18,7 @@ Fields = Mapping[str, Any]
 
 @lru_cache(64)
 def own_fields(text: str, type_name: str) -> Fields:
-    """
-    Return the fields by type of a definition: ROS 1 or 2 messages, or IDL as rosbag2 writes it.
+    """Return the fields by type of a definition: ROS 1 or 2 messages, or IDL as rosbag2 writes it.
 
     Raises ValueError for a text that is not one, or too long.
     """
@@ -36,8 +35,7 @@ def own_fields(text: str, type_name: str) -> Fields:
 
 
 def fields_of(text: str, type_name: str, given: Fields) -> Fields:
-    """
-    Return the fields of all types that a message may need.
+    """Return the fields of all types that a message may need.
 
     The bag's definition comes first, then `given`, then ROS 2 Jazzy's and this suite's.
     """

@@ -44,8 +44,7 @@ _Found = dict[int, tuple[Integers, Integers, Integers]]
 
 
 class McapFile:
-    """
-    An MCAP file, read from front to back without its index.
+    """An MCAP file, read from front to back without its index.
 
     `problems` is complete once `batches` is exhausted. Raises InputError for a file that is not
     MCAP, is empty, uses a compression that is not known, or unpacks to far more than it can hold.
@@ -68,8 +67,7 @@ class McapFile:
     def batches(
         self, skip: Callable[[Mapping[int, int]], bool] | None = None, every: int = 1
     ) -> Iterator[Batch]:
-        """
-        Yield the messages; damaged parts are left out and noted in `problems`.
+        """Yield the messages; damaged parts are left out and noted in `problems`.
 
         skip: returns whether to omit a chunk with an index, given its numbers of messages by
         channel. every: of chunks after the first few, which declare the topics, only
@@ -222,8 +220,7 @@ class _Records:
         self._index[int.from_bytes(body[:2], 'little')] = np.frombuffer(entries, _ENTRY)
 
     def indexed(self) -> _Found | None:
-        """
-        Return offsets, sizes and log times of the messages by channel, from the index.
+        """Return offsets, sizes and log times of the messages by channel, from the index.
 
         None unless the index covers every byte.
         """

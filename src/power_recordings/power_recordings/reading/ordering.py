@@ -14,8 +14,7 @@ _JUDGED = 20_000  # steps
 
 
 def longest_step(steps: Floats) -> float:
-    """
-    Return the longest of a stream's steps [s] that is no gap.
+    """Return the longest of a stream's steps [s] that is no gap.
 
     2.5 periods; of a loop without a fixed rate (9 to 28 ms, say) 40 ms at least, over which the
     smoothed signals are still resolved.
@@ -29,8 +28,7 @@ def longest_step(steps: Floats) -> float:
 
 
 def ascending(stamps: Stamps) -> Bools:
-    """
-    Return a mask [N] of the most samples whose stamps ascend strictly.
+    """Return a mask [N] of the most samples whose stamps ascend strictly.
 
     Runs in which time moves forwards are kept: of a single stamp far ahead and all that follow,
     the single one is dropped; after a clock was set back, samples are dropped until time goes on.

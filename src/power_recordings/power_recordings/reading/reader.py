@@ -45,8 +45,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class Recording:
-    """
-    A recording in memory.
+    """A recording in memory.
 
     `problems` lists what is missing or was left out. The methods named like topics return their
     samples in ascending order of measurement time, or raise InputError, which lists the topics
@@ -66,8 +65,7 @@ class Recording:
 
     @classmethod
     def open(cls, path: Path, most_messages: int | None = None, every: int = 1) -> Self:
-        """
-        Read a bag folder or .mcap file of any program.
+        """Read a bag folder or .mcap file of any program.
 
         A recording that was cut off is read up to there; with most_messages, a longer one no
         further than the chunk that reaches them; with every, of the chunks of an MCAP file after
@@ -109,8 +107,7 @@ class Recording:
 
     @classmethod
     def in_memory(cls, name: str, samples: Mapping[str, Samples]) -> Self:
-        """
-        Make a recording from samples by topic (`joint_states` and so on).
+        """Make a recording from samples by topic (`joint_states` and so on).
 
         Raises InputError for a topic that is not one of the suite's, or if there are no samples.
         """

@@ -24,8 +24,7 @@ Header = dict[bytes, bytes]
 
 
 class Ros1File:
-    """
-    A ROS 1 bag, read from front to back without its index.
+    """A ROS 1 bag, read from front to back without its index.
 
     `problems` is complete once `batches` is exhausted. Raises InputError for a file that is not
     one, or unpacks to far more than it can hold.

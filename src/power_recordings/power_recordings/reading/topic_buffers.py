@@ -13,8 +13,7 @@ _MOST = 20_000  # messages
 
 
 class TopicBuffer:
-    """
-    Keeps the CDR bytes of a topic's messages and decodes them when it is drained.
+    """Keeps the CDR bytes of a topic's messages and decodes them when it is drained.
 
     Arrival times are in s on a steady clock. Beyond 20,000 messages the oldest are dropped.
     """

@@ -72,8 +72,7 @@ class RecordingProgress:
 
 
 class BackgroundRecorder(Worker):
-    """
-    A bag and the thread that writes it.
+    """A bag and the thread that writes it.
 
     Up to 64 MiB wait for the disk; further messages are dropped and counted. Messages are with
     the operating system within half a second. A topic is declared in the bag with its first

@@ -110,8 +110,7 @@ def information(
 
 
 class CardFile:
-    """
-    `card.yaml` in the folder of a recording, written anew with each fact that comes.
+    """`card.yaml` in the folder of a recording, written anew with each fact that comes.
 
     given: the user's entries, which go before what sources tell. RecordingError where the disk
     refuses.

@@ -117,8 +117,7 @@ class _Output:
 
 
 class BagWriter:
-    """
-    A rosbag2 bag `path/` with `<name>_0.mcap` and, once closed, metadata.yaml.
+    """A rosbag2 bag `path/` with `<name>_0.mcap` and, once closed, metadata.yaml.
 
     Messages are collected in zstd-compressed chunks. A chunk is given to the operating system once
     its log times span `flush_period` seconds (or it has 1 MiB), or on `flush`; a killed process
@@ -171,8 +170,7 @@ class BagWriter:
         return self._output.size
 
     def add_topic(self, name: str, type_name: str, qos: Qos | None = None) -> int:
-        """
-        Declare a topic and return its handle for `write`.
+        """Declare a topic and return its handle for `write`.
 
         A name without a leading slash is taken to be in the root namespace.
         Raises InputError for an unknown type or a topic that is there already.
@@ -197,8 +195,7 @@ class BagWriter:
         return topic
 
     def write(self, topic: int, log_time_ns: int, cdr: bytes) -> None:
-        """
-        Add a message that arrived at log_time_ns.
+        """Add a message that arrived at log_time_ns.
 
         Raises RecordingError if the disk refuses (the bag is then closed) or the bag is closed.
         """
@@ -218,8 +215,7 @@ class BagWriter:
             self._save()
 
     def write_blocks(self, blocks: Sequence[MessageBlock]) -> None:
-        """
-        Add messages of several topics in the order of their times, equal ones as given.
+        """Add messages of several topics in the order of their times, equal ones as given.
 
         Raises RecordingError as `write` does.
         """
@@ -234,8 +230,7 @@ class BagWriter:
         self._save()
 
     def close(self) -> None:
-        """
-        Write the index and metadata.yaml and sync the disk; a second call does nothing.
+        """Write the index and metadata.yaml and sync the disk; a second call does nothing.
 
         Raises RecordingError if the disk refuses; the messages are then readable without index.
         """
@@ -316,8 +311,7 @@ class BagWriter:
 
 @contextmanager
 def staged(path: Path) -> Iterator[Path]:
-    """
-    Give the place of a recording that becomes `path` at the end; an error leaves nothing.
+    """Give the place of a recording that becomes `path` at the end; an error leaves nothing.
 
     Raises RecordingError where it cannot be there.
     """

@@ -32,8 +32,7 @@ class ArrayFile:
     about: Mapping[str, Any]
 
     def write(self, path: Path) -> int:
-        """
-        Write under a temporary name, then rename it to path; return its bytes.
+        """Write under a temporary name, then rename it to path; return its bytes.
 
         OSError leaves nothing behind. It is not forced to the disk: a power cut may tear it,
         which its checksums tell.

@@ -43,8 +43,7 @@ class Folders:
         return Folders(tuple(dict.fromkeys([*self.roots, path.resolve()])))
 
     def within(self, given: str) -> Path:
-        """
-        Return a path that exists below a root, without links.
+        """Return a path that exists below a root, without links.
 
         InputError for any other, whether it exists or not.
         """

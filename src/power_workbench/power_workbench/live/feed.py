@@ -21,8 +21,7 @@ _ENDED = {'failed': 'the live view ended unexpectedly; follow anew'}
 
 
 class LiveFeed:
-    """
-    Runs the process while somebody follows.
+    """Runs the process while somebody follows.
 
     Methods may be called from any thread; `changed` is called in one of its own at each message.
     """

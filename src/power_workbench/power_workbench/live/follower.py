@@ -29,8 +29,7 @@ _SPAN = 1.0  # s over which a rate is counted
 
 
 class LiveFollower:
-    """
-    Drains the topics and returns what the page shows of them.
+    """Drains the topics and returns what the page shows of them.
 
     Without a model of its own, the estimates are those of the topic `power_estimate`. Times are in
     s on a steady clock.

@@ -19,8 +19,7 @@ _MOST_WAITING = 500  # estimates
 
 @dataclass(frozen=True)
 class PowerRows:
-    """
-    Mean power over the 20 ms before each stamp, W [N, D + 1]; NaN where unknown.
+    """Mean power over the 20 ms before each stamp, W [N, D + 1]; NaN where unknown.
 
     The last column is the sum: of the drives that are estimated, where there is an estimate.
     """
@@ -32,8 +31,7 @@ class PowerRows:
 
 
 class RollingPower:
-    """
-    Takes measurements and estimates in the order of their stamps, and gives rows once.
+    """Takes measurements and estimates in the order of their stamps, and gives rows once.
 
     A row ends at the stamp of an estimate, so that both cover the same time. While no estimate
     comes, rows follow one another without one.

@@ -29,8 +29,7 @@ _HEADERS = {
 
 
 class PageGuard:
-    """
-    ASGI middleware that lets through what comes from the page itself.
+    """ASGI middleware that lets through what comes from the page itself.
 
     hosts: values of the header Host that are the server's own, so that a foreign name that
     resolves to this machine is refused. The token comes in the address once and is a cookie, which

@@ -46,8 +46,7 @@ class SessionJob:
 
 
 class JobRunner:
-    """
-    One worker process, one job at a time.
+    """One worker process, one job at a time.
 
     The listener is called in a thread of its own with (job, kind, content) for every message; a
     cancelled job's messages are dropped with its process, and the next job starts a fresh one.

@@ -58,8 +58,7 @@ class KeptOpening:
 
 
 class OpenedCache:
-    """
-    Views and aligned signals of recordings, in files below a folder.
+    """Views and aligned signals of recordings, in files below a folder.
 
     What is kept counts for the stamps of the recordings and for the code that made it: of a
     recording that changed, nothing is known. A file that is torn counts for none. What cannot be

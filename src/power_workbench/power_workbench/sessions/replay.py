@@ -34,8 +34,7 @@ class Replayed:
 def replay_steps(
     session: SessionRecord, folder: Path, output: Path, show: Callable[[str], None]
 ) -> list[Replayed]:
-    """
-    Take the steps of a session that are in force again, and write their models into output.
+    """Take the steps of a session that are in force again, and write their models into output.
 
     InputError for recordings that are not those of the session, or are gone.
     """

@@ -38,8 +38,7 @@ _WORK: Mapping[str, tuple[str, str, Mapping[str, tuple[str, str]]]] = {
 
 
 class WorkbenchSession:
-    """
-    One tab's session in its folder.
+    """One tab's session in its folder.
 
     Methods may be called from any thread. `changed` is called after every change of `revision`.
     """

@@ -18,8 +18,7 @@ _Names = tuple[Name, ...]
 
 @schema
 class SessionStep:
-    """
-    One action of the user.
+    """One action of the user.
 
     open: recordings are read; load: a model file; fit: a model of effects from nothing, or on a
     base; add, remove: effects of the model; effects: a file of the user's own effects, which is

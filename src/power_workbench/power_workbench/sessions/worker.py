@@ -142,8 +142,7 @@ class SessionWorker:
         return Findings(content, explained)
 
     def budget(self, source: Source, spec: str) -> dict[str, Any]:
-        """
-        Energy budget by the model, or by a chosen one where the model has no effects.
+        """Energy budget by the model, or by a chosen one where the model has no effects.
 
         Runs in a thread of its own beside the other requests.
         """

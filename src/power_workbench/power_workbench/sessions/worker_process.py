@@ -15,8 +15,7 @@ _NICER = 5  # than the page's server, which answers while work is done
 
 
 def main(descriptor: int) -> None:
-    """
-    Answer requests (name, arguments) in turn with messages (kind, content).
+    """Answer requests (name, arguments) in turn with messages (kind, content).
 
     Kinds: `progress` a text, `view` a view before the end, `done` the result, `error` a line for
     the user, `failed` a traceback; `budget` an energy budget, which is worked out beside the other

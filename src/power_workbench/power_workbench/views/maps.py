@@ -61,8 +61,7 @@ def error_of(view: PowerView, drive: str) -> Singles:
 
 
 def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
-    """
-    Error of a drive over two quantities, and over the first alone.
+    """Error of a drive over two quantities, and over the first alone.
 
     Cells with fewer than three rows, or under 1/2000 of all, are empty. Returns their middles, and
     as [y][x] the `mean` and `rms` of the error in W and the `seconds`; `limits` of the colours in

@@ -20,8 +20,7 @@ _STRETCH, _WORSE, _MOST = 1.0, 3.0, 3  # s, times the usual error, stretches tha
 
 
 def moments(view: PowerView, drive: str) -> dict[str, Any]:
-    """
-    Sentence on the spikes of a drive's error, and stretches [(start, stop, words)] in s.
+    """Sentence on the spikes of a drive's error, and stretches [(start, stop, words)] in s.
 
     Empty where the error is spread evenly, or without a model.
     """

@@ -45,8 +45,7 @@ class Pyramid:
         return len(self._levels[0][0])
 
     def span(self, start: int, stop: int, most: int) -> Span:
-        """
-        Extremes from start to stop in about `most` blocks, at most twice as many.
+        """Extremes from start to stop in about `most` blocks, at most twice as many.
 
         What is drawn of them is what would be drawn of all samples, whatever the span.
         """

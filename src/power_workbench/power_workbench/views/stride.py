@@ -28,8 +28,7 @@ class StridePhase:
 
 
 def stride_phase(position: Singles, slots: NDArray[np.int64]) -> StridePhase:
-    """
-    Find the period at which positions rad [N, D] on slots of 20 ms repeat, and the phase in it.
+    """Find the period at which positions rad [N, D] on slots of 20 ms repeat, and the phase in it.
 
     The period is the shortest whose correlation is about the best; the phase is that of the
     drive that repeats with the largest amplitude, in a band about the frequency, so that it

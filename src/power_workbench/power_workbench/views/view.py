@@ -50,8 +50,7 @@ class StateWords:
 
 @dataclass(frozen=True)
 class PowerView:
-    """
-    Measured power, the model's residual and the state of the drives, at 50 Hz.
+    """Measured power, the model's residual and the state of the drives, at 50 Hz.
 
     N rows lie on `slots` of 20 ms in the order in which they are shown; slots without a row are
     gaps. M meters are the drives, or the robot. `content` is what `compare --json` writes of this

@@ -58,8 +58,7 @@ def record(
     loaded: Plant | None = None,
     progress: bool = True,
 ) -> bool:
-    """
-    Make one recording; False if it is there already.
+    """Make one recording; False if it is there already.
 
     loaded: the plant, where this machine may lack its file.
     The card says when a recording is whole, for it is written last. InputError if one of other

@@ -23,8 +23,7 @@ _CHUNK: Final = 200_000  # rows
 
 @schema
 class AnalyserParameters:
-    """
-    The analyser and its clock.
+    """The analyser and its clock.
 
     Its clock shows offset at the start of the run and drifts; its rows are means over their
     period, stamped at the middle of it. ripple is the current that the inverter's commutation
@@ -41,8 +40,7 @@ class AnalyserParameters:
 
 
 class Analyser:
-    """
-    Logger of the voltage, current and power of one drive.
+    """Logger of the voltage, current and power of one drive.
 
     Between the plant's steps of 0.5 ms, which are means, voltage and current follow a spline that
     keeps every mean; the ripple within a step has none, so that meter and analyser see one truth.

@@ -1,5 +1,4 @@
-"""
-Emulated bench supply with SCPI over TCP in the dialect of EA's PSB 9000.
+"""Emulated bench supply with SCPI over TCP in the dialect of EA's PSB 9000.
 
 It follows what drivers and manuals of that series agree on: line-terminated commands, long or
 short words in any case, a number with its unit in each answer, setting values only under remote
@@ -150,8 +149,7 @@ def whole(_: str, answer: str) -> Sent:
 
 
 class ScpiInstrument:
-    """
-    Server of a SupplyState on a TCP socket, in a thread, for one client at a time.
+    """Server of a SupplyState on a TCP socket, in a thread, for one client at a time.
 
     send gives, for a question and its answer, the pieces that go out and the s to wait before
     each: where tests spoil what the instrument says. Port 0 takes a free one.

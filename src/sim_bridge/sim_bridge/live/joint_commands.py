@@ -16,8 +16,7 @@ def joint_command(
     effort: Sequence[float],
     absent: Collection[str] = (),
 ) -> JointCommand:
-    """
-    Return the command of a message's fields, in the order of joints.
+    """Return the command of a message's fields, in the order of joints.
 
     An empty field commands nothing; a joint that is not named, or whose value is not finite,
     is damped; joints that are absent may be named, to no effect, as on a bus where their drives

@@ -124,8 +124,7 @@ _LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCA
 
 
 class RobotFrames:
-    """
-    Publisher of the description, once, and of the frames of the base and of each joint's link.
+    """Publisher of the description, once, and of the frames of the base and of each joint's link.
 
     prefix: put before the name of each frame, for several robots in one graph.
     """

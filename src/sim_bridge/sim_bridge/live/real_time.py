@@ -36,8 +36,7 @@ class LoopProgress:
 
 
 class LivePlant:
-    """
-    Simulation in real time by its device clock; every sample is handed on.
+    """Simulation in real time by its device clock; every sample is handed on.
 
     Until the first command the drives hold the default pose (on a stand: position 0); when
     commands stop coming for 0.1 s they damp. After a stall it catches up; no sample is left out.
@@ -95,8 +94,7 @@ class LivePlant:
         return progress
 
     def run(self, stop: Flag) -> None:
-        """
-        Run until stop is set.
+        """Run until stop is set.
 
         A block is computed while its time passes and handed on at its end, so that the last
         sample in it is as fresh as on hardware.

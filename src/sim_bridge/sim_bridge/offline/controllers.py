@@ -22,8 +22,7 @@ CONTROLLERS = (*POLICIES, 'stand')
 
 
 class Controller(Protocol):
-    """
-    Source of joint commands, one every `period` steps of 0.5 ms.
+    """Source of joint commands, one every `period` steps of 0.5 ms.
 
     velocity: that commanded for the base, m/s, m/s and rad/s [3], or None.
     """
@@ -42,8 +41,7 @@ class Controller(Protocol):
 
 
 class PolicyWalk:
-    """
-    A policy with the true state as input, at its own rate as in `policy_runner run`.
+    """A policy with the true state as input, at its own rate as in `policy_runner run`.
 
     It takes over at once, since the robot stands already.
     """
@@ -92,8 +90,7 @@ class StandController:
 def make_controller(
     name: str, seed: int, velocity: Sequence[float] | None = None, *, trust_code: bool = False
 ) -> Controller:
-    """
-    Make a controller by name, or by a policy's folder; InputError for one that is not there.
+    """Make a controller by name, or by a policy's folder; InputError for one that is not there.
 
     velocity: vx, vy in m/s, yaw rate in rad/s to hold; random ones from the seed if None.
     trust_code: run a TorchScript file.

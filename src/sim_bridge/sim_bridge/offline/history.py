@@ -19,8 +19,7 @@ _NOON = 12  # h
 def record_history(
     plan: AgeingPlan, folder: Path, engine: TaskEngine, prefix: str = 'day'
 ) -> Iterator[Path]:
-    """
-    Write a recording for each day of a plan, in their order, and yield its path.
+    """Write a recording for each day of a plan, in their order, and yield its path.
 
     Cards have the date, temperature, terrain, controller and payload, and nothing of the wear.
     The recordings do not depend on the number of workers. InputError for a plant that is not there

@@ -24,8 +24,7 @@ def bench_motion(
 
 
 class MotionController:
-    """
-    Controller of a motion for the one drive of a stand, as planned by `drive_bench run`.
+    """Controller of a motion for the one drive of a stand, as planned by `drive_bench run`.
 
     It hangs at 0 rad. A segment that lasts until the winding is warm goes by the winding itself.
     """

@@ -128,8 +128,7 @@ def _diagnostic(stamp: int, falls: Sequence[Event], counts: dict[str, int]) -> b
 
 
 class OfflineRun:
-    """
-    A seeded run of a plant in a world under a controller.
+    """A seeded run of a plant in a world under a controller.
 
     The same arguments give the same telemetry. InputError for a duration outside 0.1..36000 s, a
     negative seed, or drives that the world or the bus does not have.
@@ -148,8 +147,7 @@ class OfflineRun:
         bus: BusDescription | None = None,
         watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
-        """
-        Make a run.
+        """Make a run.
 
         drives: those whose power is metered, all if None. bus: the shipped one if None. watch: is
         shown every block of the plant, as an instrument beside the meter.
@@ -211,8 +209,7 @@ class WalkOptions(TypedDict, total=False):
 def walking_run(
     plant: Plant, *, duration: float, seed: int, **options: Unpack[WalkOptions]
 ) -> OfflineRun:
-    """
-    Return a run of ANYmal C.
+    """Return a run of ANYmal C.
 
     controller: name or folder of a policy, or `stand`; `trot` if absent. terrain: flat (if absent)
     or rough. pushes: every few seconds. drives: those whose power is metered, all if absent.
@@ -251,8 +248,7 @@ def run_offline(
     progress: bool = False,
     **options: Unpack[WalkOptions],
 ) -> Path:
-    """
-    Write a bag of a walk as the live system would record it, and return its path.
+    """Write a bag of a walk as the live system would record it, and return its path.
 
     plant: the shipped `anymal_c` if None. options: see `walking_run`. Equal arguments give equal
     bytes. InputError for bad arguments or a path that is taken; see OfflineRun.
@@ -273,8 +269,7 @@ def run_offline(
 def write_bag(
     output: Path, run: OfflineRun, card: Card, *, overwrite: bool = False, progress: bool = False
 ) -> tuple[Event, ...]:
-    """
-    Write a run and its card; return falls and pushes, which are also in `diagnostics`.
+    """Write a run and its card; return falls and pushes, which are also in `diagnostics`.
 
     SIGINT and SIGTERM end it with a closed bag whose card says so; then Interrupted is raised.
     """

@@ -56,8 +56,7 @@ class Wire:
         clock: DeviceClock,
         initial_temperature: Floats,
     ) -> None:
-        """
-        joints: of the world. measured: those whose power is metered. initial_temperature: °C [D].
+        """joints: of the world. measured: those that are metered. initial_temperature: °C [D].
 
         InputError for a drive that is not among the joints, or not on the bus.
         """

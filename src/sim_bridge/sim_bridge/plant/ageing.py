@@ -27,8 +27,7 @@ _REFERENCE: Final = 25.0  # °C
 
 @schema
 class WearCourse:
-    """
-    Course of one change of a drive: none until day `begin`, all of it `over` days later.
+    """Course of one change of a drive: none until day `begin`, all of it `over` days later.
 
     size: share of the effect, or A of the current sensor's offset.
     """
@@ -88,8 +87,7 @@ class HistoryDay:
 
 @schema
 class AgeingPlan:
-    """
-    Recordings of one unit that ages.
+    """Recordings of one unit that ages.
 
     age: courses in words by drive and effect. start: date of day 0, ISO 8601. seed: of walks and
     noise. seconds: of each recording. drives: those whose power is metered.
@@ -126,8 +124,7 @@ class AgeingPlan:
         }
 
     def aged(self, plant: Plant, day: HistoryDay) -> Plant:
-        """
-        Return the unit as it is on a day.
+        """Return the unit as it is on a day.
 
         Grease is stiffer in the cold, in all drives: viscous friction by 1.2 % and Coulomb
         friction by 0.4 % per kelvin below 25 °C.

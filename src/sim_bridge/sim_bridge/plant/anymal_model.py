@@ -1,5 +1,4 @@
-"""
-ANYmal C as a MuJoCo model with one ideal torque source per joint.
+"""ANYmal C as a MuJoCo model with one ideal torque source per joint.
 
 Inertias are those of the manufacturer's URDF, with every frame aligned to the base. Friction and
 damping are absent here: they belong to the drives.
@@ -57,8 +56,7 @@ def build_spec(
     timestep: float = TIMESTEP,
     contact_sensors: bool = False,
 ) -> mujoco.MjSpec:
-    """
-    Return ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
+    """Return ANYmal C on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
 
     armature: inertia of rotor and gears at the joint, kg·m². payload: kg added at the base's
     origin. friction: sliding, between robot and ground. Actuators neither limit nor dampen; the

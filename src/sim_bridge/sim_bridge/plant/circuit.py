@@ -1,5 +1,4 @@
-"""
-Electric circuit from motor torque and speed to the power at each drive's DC link.
+"""Electric circuit from motor torque and speed to the power at each drive's DC link.
 
 The motor is its equivalent in the rotor's frame: a torque-forming and a field-weakening current
 through the winding's resistance, behind the voltage that rotation induces.
@@ -92,8 +91,7 @@ class Circuit:
     def solve(
         self, motor: Floats, speed: Floats, drag: Floats, voltage: float, time: Floats
     ) -> Flow:
-        """
-        Return currents and losses of B steps.
+        """Return currents and losses of B steps.
 
         motor: air-gap torque, N·m [B, D]; speed: rotor, rad/s [B, D], mean of the step;
         drag: friction, N·m [B, D], which warms the housing; voltage: the bus as the drives last
@@ -159,8 +157,7 @@ class BusFlow:
 
 
 class Bus:
-    """
-    DC bus shared by all drives, solved by an implicit step at each time step.
+    """DC bus shared by all drives, solved by an implicit step at each time step.
 
     Power cannot pass the diode backwards: what the drives together give back first charges the
     capacitor, and once its voltage has risen by the choppers' margin, brake resistors burn the

@@ -34,8 +34,7 @@ def circuit_steps(
     flow: Floats,
     heat: Floats,
 ) -> None:
-    """
-    Write powers and currents to flow [9, B, D], in the order of `Flow`, and add to heat [2, D].
+    """Write powers and currents to flow [9, B, D], in the order of `Flow`, and add to heat [2, D].
 
     table: rows of CIRCUIT; resistance: ohm [D]; motor, speed, drag: N·m, rad/s, N·m [B, D]; time:
     s [B]; voltage: V; level: share of the idle draw; inverter: its scale; weakening: whether the
@@ -105,8 +104,7 @@ def bus_step(
     ceiling: float,
     blocked: float,
 ) -> tuple[float, float, float]:
-    """
-    Return voltage, V, power burned, W, and supply current, A, of one implicit step of a bus.
+    """Return voltage, V, power burned, W, and supply current, A, of one implicit step of a bus.
 
     power: drawn, W; before: voltage, V; capacity: F/s; conductance: 1/ohm, to the source, V.
     ceiling: V, of the choppers; blocked: share of the power that the diode holds back.
@@ -148,8 +146,7 @@ def bus_steps(
     series: Floats,
     powers: Floats,
 ) -> float:
-    """
-    Write B steps of a bus to series [5, B] and powers [3, B, D]; return the last voltage, V.
+    """Write B steps of a bus to series [5, B] and powers [3, B, D]; return the last voltage, V.
 
     link: drawn at the DC links, W [B, D]; line: ohm [D]; in_drives: whether choppers sit behind
     the meter; the others as of `bus_step`. series: voltage, supply current, supply loss,

@@ -18,8 +18,7 @@ _STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a
 
 @dataclass(frozen=True)
 class JointCommand:
-    """
-    Command that the drives hold until the next one, each [D] or None.
+    """Command that the drives hold until the next one, each [D] or None.
 
     position (rad) commands position mode, with velocity and effort as feed-forward; velocity
     (rad/s) alone velocity mode; effort (N·m) alone torque mode; nothing at all damps.
@@ -31,8 +30,7 @@ class JointCommand:
 
 
 class Friction:
-    """
-    Friction between motor and joint, smooth through standstill.
+    """Friction between motor and joint, smooth through standstill.
 
     Dry friction sets in as a hyperbolic tangent of speed, the Stribeck part fades as the inverse
     square of 1 + (w/ws)², grease thins with speed, and the part that grows with load is stronger
@@ -83,8 +81,7 @@ class Trace:
 
 
 class Drives:
-    """
-    Mechanical side of D drives, stepped beside the rigid-body simulation.
+    """Mechanical side of D drives, stepped beside the rigid-body simulation.
 
     The rotor turns with the joint (its inertia is then `armature`, for the joint's own solver)
     unless the plant's spring is on: then it has a state of its own behind that spring.
@@ -156,8 +153,7 @@ class Drives:
         self._floor[:] = -self._ceiling
 
     def step(self, row: int, position: Floats, velocity: Floats, out: Floats) -> None:
-        """
-        Write the torque on the joints for the next step, N·m [D], to out and to the trace.
+        """Write the torque on the joints for the next step, N·m [D], to out and to the trace.
 
         position (rad) and velocity (rad/s) are the joints' now; row counts within the block.
         """

@@ -60,8 +60,7 @@ def drive_step(
     delayed: Floats,
     count: int,
 ) -> None:
-    """
-    Write the torque on D joints for the next step, N·m [D], to out and row to trace [6, B, D].
+    """Write the torque on D joints for the next step, N·m [D], to out and row to trace [6, B, D].
 
     The tables have the rows of FRICTION, DRIVE and HELD, trace those of `Trace`. position (rad)
     and velocity (rad/s) are the joints'. step: s, by which rotors behind springs turn; 0 where
@@ -117,8 +116,7 @@ def foot_force(
     forces: Floats,
     out: Floats,
 ) -> None:
-    """
-    Add the normal forces of C contacts, N, to those of F feet, out [F].
+    """Add the normal forces of C contacts, N, to those of F feet, out [F].
 
     feet: index of the foot by the geom's, F for any other; geoms [C, 2]; addresses: of a
     contact's normal force among forces, negative for one that does not act [C].

@@ -1,5 +1,4 @@
-"""
-Parameters of the simulated hardware: supply, drives, effects, meter and joint sensors.
+"""Parameters of the simulated hardware: supply, drives, effects, meter and joint sensors.
 
 A plant is read from a YAML file; the sources of the figures are in
 `docs/explanation/simulated_hardware.md`.
@@ -40,8 +39,7 @@ _OFF = SimulatedEffect(enabled=False)
 
 @schema
 class Effects:
-    """
-    Effects by the names of power_estimator's catalogue, plus three unmodelled effects.
+    """Effects by the names of power_estimator's catalogue, plus three unmodelled effects.
 
     Unmodelled: `position_rub` (friction at certain angles), `fan` (power drawn over time, whatever
     the joint does) and `cross_talk` (a neighbour's current in a drive's reading). Of real drives
@@ -93,8 +91,7 @@ class Effects:
 
     @classmethod
     def parse(cls, values: object) -> 'Effects':
-        """
-        Build from names mapped to true, false, a strength, or {enabled, strength}.
+        """Build from names mapped to true, false, a strength, or {enabled, strength}.
 
         Absent names keep their default. InputError for an unknown name or a bad value.
         """
@@ -262,8 +259,7 @@ _SPREAD_OF = {
 
 @schema
 class Plant:
-    """
-    Simulated hardware of a robot: drives, supply, meter and sensors.
+    """Simulated hardware of a robot: drives, supply, meter and sensors.
 
     drive_types: parameters by type; the type of a drive is what follows the last underscore of
     its name, or `default`. unit: 0 for a unit exactly as written; any other number draws the
@@ -313,8 +309,7 @@ class Plant:
         return found
 
     def resolve(self, drives: Sequence[str]) -> dict[str, Floats]:
-        """
-        Return the parameters of this unit's drives by name of the field, each [D].
+        """Return the parameters of this unit's drives by name of the field, each [D].
 
         Adds the errors of this unit's sensors: `voltage_gain`, `current_gain`, `current_offset`
         (meter) and `torque_bias`. A drive draws the same parts whichever others are asked for.

@@ -22,8 +22,7 @@ PUSH_STEPS: Final = 200  # a push lasts 0.1 s
 
 @dataclass(frozen=True)
 class PlantBlock:
-    """
-    B steps of the plant: states at the end of each step, powers as its mean.
+    """B steps of the plant: states at the end of each step, powers as its mean.
 
     base is NaN on a stand.
     """
@@ -69,8 +68,7 @@ class PlantBlock:
 
 
 class Simulation:
-    """
-    Simulation of a plant that moves a world, in blocks of steps.
+    """Simulation of a plant that moves a world, in blocks of steps.
 
     Results do not depend on how a run is cut into blocks.
     """

@@ -15,8 +15,7 @@ _WAVES = 4
 
 @dataclass(frozen=True)
 class Terrain:
-    """
-    Square patch of terrain centred on the start, with a plane around it.
+    """Square patch of terrain centred on the start, with a plane around it.
 
     noise: uniform height noise of each cell's corners, ± (the paper: 0.02). slope: steepest
     incline of the undulation below the noise (the paper: 0.02). cell, extent: edges of a cell and
@@ -38,8 +37,7 @@ class Terrain:
         return self.noise == 0.0 and self.slope == 0.0
 
     def heights(self) -> Floats:
-        """
-        Return the heights of the cells' corners, m [n, n], rows along y, columns along x.
+        """Return the heights of the cells' corners, m [n, n], rows along y, columns along x.
 
         The undulation is a sum of plane waves whose gradients together stay below `slope`.
         """

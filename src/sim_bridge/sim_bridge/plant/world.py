@@ -17,8 +17,7 @@ from sim_bridge.plant.terrain import FLAT, Terrain
 
 @dataclass(frozen=True)
 class World:
-    """
-    A rigid-body model whose last joints are those of the drives, one actuator each in order.
+    """A rigid-body model whose last joints are those of the drives, one actuator each in order.
 
     start: qpos at reset. feet: reader of the contact forces, or None on a stand.
     """
@@ -40,8 +39,7 @@ class World:
 
 
 def walking_world(terrain: Terrain = FLAT, payload: float = 0.0) -> World:
-    """
-    Return ANYmal C standing on a terrain; joints in the order of JOINT_NAMES.
+    """Return ANYmal C standing on a terrain; joints in the order of JOINT_NAMES.
 
     payload: kg, at the centre of the base's mass. InputError outside 0..50 kg.
     """
@@ -55,8 +53,7 @@ def walking_world(terrain: Terrain = FLAT, payload: float = 0.0) -> World:
 
 @dataclass(frozen=True)
 class Stand:
-    """
-    Load of one drive on a bench: a disc (inertia, kg·m²) and a pendulum (mass kg, length m).
+    """Load of one drive on a bench: a disc (inertia, kg·m²) and a pendulum (mass kg, length m).
 
     InputError for a negative mass, length or inertia, or less than 1e-4 kg·m² in all.
     """

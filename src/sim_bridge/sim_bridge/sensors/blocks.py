@@ -38,8 +38,7 @@ class InstrumentReadings:
 
 
 class Instruments:
-    """
-    Meter, joint sensors, IMU, feet and bench supply of a simulation.
+    """Meter, joint sensors, IMU, feet and bench supply of a simulation.
 
     Noise comes from seed and does not depend on how the run is cut into blocks.
     """

@@ -61,8 +61,7 @@ class FractionalDelay:
 
 @dataclass(frozen=True)
 class DeviceClock:
-    """
-    Clock of the device, which times the steps, with offset and drift.
+    """Clock of the device, which times the steps, with offset and drift.
 
     offset: reading at step 0, s. drift: how much too fast it runs, ppm.
     """

@@ -22,8 +22,7 @@ _OUTSTANDING = 2.0  # ratio to the next largest jolt
 
 @dataclass(frozen=True)
 class Events:
-    """
-    Audible events, in s after the recording's start.
+    """Audible events, in s after the recording's start.
 
     loading: rate of increase of the feet's force, kN/s, at 200 Hz from `first` on; empty without
     foot_force. landings: times at which a foot touches down. knock: time of a single outstanding
@@ -94,8 +93,7 @@ _LARGEST_DRIFT = 500.0  # ppm
 
 @dataclass(frozen=True)
 class Alignment:
-    """
-    Mapping of a sound's time t to offset + t · (1 + drift · 1e-6) s after the recording's start.
+    """Mapping of a sound's t to offset + t · (1 + drift · 1e-6) s after the recording's start.
 
     correlation: of the sound's level with the loading of the feet, NaN if not known. rival: the
     next best correlation relative to it; near 1 the offset may be whole strides off.
@@ -116,8 +114,7 @@ class Alignment:
 def align_sound(
     sound: Sound, events: Events, method: str = 'auto', clap_at: float | None = None
 ) -> Alignment | None:
-    """
-    Align a sound with a recording; None for the method `none`, or where `auto` fails.
+    """Align a sound with a recording; None for the method `none`, or where `auto` fails.
 
     `clap` aligns the outstanding impulse of the sound with the outstanding jolt of the IMU, or
     with clap_at [s after the recording's start]; `step` the first sound over the background with

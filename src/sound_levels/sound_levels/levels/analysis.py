@@ -33,8 +33,7 @@ _ALIKE = 3.0  # dB between the channels
 
 @dataclass(frozen=True)
 class CalibratorTone:
-    """
-    Recorded tone of a calibrator.
+    """Recorded tone of a calibrator.
 
     frequency: Hz. mean_square: of the tone alone, in units of full scale. spread: standard
     deviation of its level over half seconds, dB. seconds: steady duration.
@@ -53,8 +52,7 @@ class CalibratorTone:
 
 
 def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> CalibratorTone:
-    """
-    Find the steady tone in a recording of a calibrator of a level in dB SPL.
+    """Find the steady tone in a recording of a calibrator of a level in dB SPL.
 
     InputError if there is none within 10 % of the frequency in Hz for 2 s, if it is clipped, or if
     the channels differ by more than 3 dB (only one was in the calibrator).

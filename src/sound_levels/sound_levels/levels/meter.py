@@ -22,8 +22,7 @@ _NOMINAL: Final = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 
 @cache
 def sections(weighting: str, rate: float) -> Floats:
-    """
-    Return the weighting as second-order sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
+    """Return the weighting as sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
 
     Each real pole is matched to the analog gain up to half the rate, where the bilinear transform
     would approach 0. Z is flat except for an offset. InputError for a weighting not A, C or Z.
@@ -60,8 +59,7 @@ def nominal(number: int) -> float:
 
 
 def _low_pass(corner: float, rate: float) -> tuple[Floats, Floats]:
-    """
-    Return a real pole with the analog squared gain at 0 Hz, in between and at half the rate.
+    """Return a real pole with the analog squared gain at 0 Hz, in between and at half the rate.
 
     With u = sin²(π f / rate) it is (1 + B u) / (1 + A u), so that A and B follow from two gains.
     """
@@ -86,8 +84,7 @@ _LOWEST, _HIGHEST = 14, 43  # 25 Hz to 20 kHz
 
 
 class Spectrum:
-    """
-    Mean spectrum of a sound in blocks (Welch, Hann, half overlapping).
+    """Mean spectrum of a sound in blocks (Welch, Hann, half overlapping).
 
     Bands are rectangular parts of the power spectrum, not the filters of the standard: half of a
     tone on the edge of two bands counts in each. Filters of class 1 leak more from band to band:
@@ -140,8 +137,7 @@ _SILENCE = 1e-18
 
 @dataclass(frozen=True)
 class Sound:
-    """
-    Mean squares of a sound in units of full scale, in N bins of `step` s from its start.
+    """Mean squares of a sound in units of full scale, in N bins of `step` s from its start.
 
     energy: of the weighted signal in each bin. detector: at the end of each bin, with the time
     weighting; highest: its largest value within the bin. bands: mean square in third-octave bands
@@ -170,8 +166,7 @@ class Sound:
 def measure(
     blocks: Iterable[Floats], rate: float, weighting: str = 'A', time: str = 'fast'
 ) -> Sound:
-    """
-    Measure the levels of consecutive blocks of samples [n, channels].
+    """Measure the levels of consecutive blocks of samples [n, channels].
 
     InputError for an unknown weighting or time weighting, less than ten time constants (and at
     least 1 s) of sound, or silence.

@@ -21,8 +21,7 @@ _LIMITS: Final = {
 
 @dataclass(frozen=True)
 class Settings:
-    """
-    Weighting A, C or Z, time weighting fast or slow, channel from 1 (None: all).
+    """Weighting A, C or Z, time weighting fast or slow, channel from 1 (None: all).
 
     align: a method of `alignment`; clap_at: s after a recording's start. start, stop: part of each
     file that is evaluated, s, None for its ends. level, tone: of the calibrator, dB SPL and Hz.

@@ -18,8 +18,7 @@ _FLOATING: Final = ('FLOAT', 'DOUBLE')
 
 
 class SoundFile:
-    """
-    A wav, flac or other file of libsndfile, read once from front to back.
+    """A wav, flac or other file of libsndfile, read once from front to back.
 
     channel: from 1; None takes all, whose energies are averaged. `warnings` is complete once
     `blocks` is exhausted, and so are `seconds` and `clipped`. Raises InputError for a file that

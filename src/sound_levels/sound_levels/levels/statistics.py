@@ -19,8 +19,7 @@ ENOUGH = 4
 
 @dataclass(frozen=True)
 class Stretch:
-    """
-    Evaluated part of one sound, in pieces of 125 ms: mean squares [N] in any one unit.
+    """Evaluated part of one sound, in pieces of 125 ms: mean squares [N] in any one unit.
 
     energy: mean over the piece. detector: with the time weighting, at the end of the piece. peak:
     largest value of the detector.
@@ -81,8 +80,7 @@ def levels(stretches: Sequence[Stretch]) -> Levels:
 def differences(
     first: Sequence[Stretch], second: Sequence[Stretch]
 ) -> tuple[Mapping[str, Difference], float | None]:
-    """
-    Return the second policy's levels less the first's, by figure, and the block length in s.
+    """Return the second policy's levels less the first's, by figure, and the block length in s.
 
     With at least two files of both, it is the difference of the mean levels of files, with Welch's
     t interval on these levels: files are independent, and variation within a file is contained in

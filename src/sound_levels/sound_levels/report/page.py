@@ -72,8 +72,7 @@ def draw_alignment(analysis: Analysis, take: Take, *, dark: bool = False) -> Fig
 
 
 def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
-    """
-    Return the level over time of the evaluated part of a take, at 20 Hz.
+    """Return the level over time of the evaluated part of a take, at 20 Hz.
 
     Time in s since its start, the level with the time weighting, and the mean over one second.
     """

@@ -14,8 +14,7 @@ _ADDRESS: Final = re.compile(r'(tcp|tls)://[^/\s]+:[0-9]{1,5}')
 
 @dataclass(frozen=True)
 class Workplace:
-    """
-    Number of processes on this machine, one to a core if None, or address of a scheduler.
+    """Number of processes on this machine, one to a core if None, or address of a scheduler.
 
     InputError for a number outside 1..256, for an address that is none, and for both.
     """
@@ -47,8 +46,7 @@ class Workplace:
 
 
 def add_workplace(parser: argparse.ArgumentParser, tasks: str, *, scheduler: bool = True) -> None:
-    """
-    Add the arguments; tasks: plural noun for the units of work.
+    """Add the arguments; tasks: plural noun for the units of work.
 
     scheduler: offers `--scheduler`, for workers on other machines.
     """

@@ -60,8 +60,7 @@ class _Task(Generic[Item, Result]):
 
 
 class TaskEngine:
-    """
-    Runs a function on each of many tasks, in this process or on workers.
+    """Runs a function on each of many tasks, in this process or on workers.
 
     Workers are begun with the first call that has more than one task. They import the function by
     its name, and functions and items are pickled. A task runs again where its worker is lost, so
@@ -98,8 +97,7 @@ class TaskEngine:
     def completed(
         self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
     ) -> Iterator[tuple[int, Result]]:
-        """
-        Yield the place and result of each item as its task ends.
+        """Yield the place and result of each item as its task ends.
 
         code: packages or modules that must be the same on the workers of a scheduler, by default
         the function's package. A task's error is raised here, and the others are cancelled.
@@ -111,8 +109,7 @@ class TaskEngine:
     def in_order(
         self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
     ) -> Iterator[Result]:
-        """
-        Yield the results in the order of the items, each when those before it are there.
+        """Yield the results in the order of the items, each when those before it are there.
 
         Of several errors the one of the first item is raised; else as `completed`.
         """

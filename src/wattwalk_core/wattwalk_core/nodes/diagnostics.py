@@ -28,8 +28,7 @@ class Report:
 
 
 class Reporter:
-    """
-    Publishes the reports on a node, or on one part of it under the name `node: part`.
+    """Publishes the reports on a node, or on one part of it under the name `node: part`.
 
     hardware_id: name or address of the device that the reports are about, where there is one.
     """

@@ -24,8 +24,7 @@ SERVED: Final = 0.02  # s between turns of the executor of a node that polls
 
 
 class EndSignals:
-    """
-    SIGINT and SIGTERM as a future that is done at the first of them.
+    """SIGINT and SIGTERM as a future that is done at the first of them.
 
     An exception that a handler raises can surface inside rclpy, which turns it into a
     RuntimeError, so the handlers do nothing: the interpreter writes each signal to a socket and
@@ -79,8 +78,7 @@ class EndSignals:
 
 
 def spin(node: Node, *until: Future) -> None:
-    """
-    Run a node's callbacks until a future is done or the context is shut down.
+    """Run a node's callbacks until a future is done or the context is shut down.
 
     A node may have a method `poll`, which empties its polled topics and returns the
     time in s until it wants to be called again. The executor, whose turns are slow on rclpy, then
@@ -143,8 +141,7 @@ class _PollingTurn:
 
 
 def run_node(make: Callable[[], Any], arguments: Sequence[str]) -> int:
-    """
-    Make a node, run it until its end, stop and destroy it; return the exit code.
+    """Make a node, run it until its end, stop and destroy it; return the exit code.
 
     make: gives the node, with the context started. arguments: with those of ROS.
     The end is SIGINT, SIGTERM, a shutdown of the context, an error of a callback, which is

@@ -7,8 +7,7 @@ from std_srvs.srv import Trigger
 
 
 def offer(node: Node, name: str, action: Callable[[], tuple[bool, str]]) -> None:
-    """
-    Serve `~/name`, and `name`, by which clients of release 0.1 call it.
+    """Serve `~/name`, and `name`, by which clients of release 0.1 call it.
 
     action: returns whether it succeeded, and a message.
     """

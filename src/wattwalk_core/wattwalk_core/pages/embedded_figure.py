@@ -11,8 +11,7 @@ from wattwalk_core.pages.page import escape
 
 
 def embedded(draw: Callable[[bool], Figure], words: str) -> str:
-    """
-    Markup of a picture that follows the page's colours.
+    """Markup of a picture that follows the page's colours.
 
     draw: makes the figure, given whether it is for a dark page. words: for those who cannot see.
     """

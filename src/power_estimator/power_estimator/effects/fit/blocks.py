@@ -20,8 +20,7 @@ Result = TypeVar('Result')
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """
-    Return the function's results in the order of the items.
+    """Return the function's results in the order of the items.
 
     As many threads share the work as a matrix product may use, and each product has one of them
     meanwhile: whoever limits those limits these. The results do not depend on the number of
@@ -49,8 +48,7 @@ def _allowed(controller: ThreadpoolController) -> int:
 
 @dataclass(frozen=True)
 class Blocks:
-    """
-    Blocks of a second of reduced samples, shorter in a short recording, that errors are of.
+    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of.
 
     Each operating point of a steady recording is a block.
     """
@@ -137,8 +135,7 @@ class Normal:
 
 @dataclass(frozen=True)
 class DelayedNormal:
-    """
-    Normal equations of each block and drive at S neighbouring delays of the power.
+    """Normal equations of each block and drive at S neighbouring delays of the power.
 
     Between two delays the power is interpolated linearly, so that its square needs the product
     with the power at the next delay.
@@ -189,8 +186,7 @@ class DelayedNormal:
         return Normal(self.gram, moment, square, self.valid, self.counts)
 
     def summed(self, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """
-        Sums over blocks with weights [B, D].
+        """Sums over blocks with weights [B, D].
 
         gram [D, m, m], moment [S, D, m], square [S, D] and next_ [S, D].
         """
@@ -216,8 +212,7 @@ def modelled(columns: Floats, coefficients: Floats) -> Floats:
 def between(
     places: Floats, moment: Floats, square: Floats, next_: Floats
 ) -> tuple[Floats, Floats]:
-    """
-    Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
+    """Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
 
     The target is interpolated linearly; next_ [S, D] is its product with that at the next delay.
     """

@@ -17,8 +17,7 @@ def bounded_solve(
     ridge: Floats | None = None,
     near: Floats | None = None,
 ) -> Floats:
-    """
-    Minimise x'·gram·x/2 − moment'·x with lower ≤ x ≤ upper for each problem of a batch.
+    """Minimise x'·gram·x/2 − moment'·x with lower ≤ x ≤ upper for each problem of a batch.
 
     gram [B, m, m], moment [B, m], lower, upper and ridge [m] or [B, m] → x [B, m]. ridge is added
     to the diagonal (the weight of a prior around zero). near, [m] or [B, m], is the solution of a

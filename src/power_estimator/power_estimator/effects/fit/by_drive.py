@@ -26,8 +26,7 @@ _ESTIMATES = (
 
 
 class ByDriveBuilder(DesignBuilder):
-    """
-    Designs of several metered drives.
+    """Designs of several metered drives.
 
     Effects that look at other drives are computed from the signals of all.
     """

@@ -47,8 +47,7 @@ class Trial:
 
 
 class CandidateScreener:
-    """
-    Screens subsets of candidates by their normal equations alone.
+    """Screens subsets of candidates by their normal equations alone.
 
     Of all columns it keeps the weighted normal equations of everything and of what each fold may
     be trained on; the columns themselves serve to test a fold.

@@ -31,8 +31,7 @@ class DelaySearch:
         near: float | None,
         delay: float | None,
     ) -> tuple[Normal, float]:
-        """
-        Normal equations at the best delay, and that delay in s.
+        """Normal equations at the best delay, and that delay in s.
 
         It is sought near a known one first. weights: of the blocks [B, D]. With delay nothing is
         sought, nor in operating points, which have none.

@@ -96,8 +96,7 @@ class Structure:
         )
 
     def bounds(self, coefficients: Floats, scale: DriveScale) -> tuple[Floats, Floats]:
-        """
-        Lower and upper bound of each column [D, m] for drives of a scale.
+        """Lower and upper bound of each column [D, m] for drives of a scale.
 
         A discrepancy may take a share of its effect's coefficient in coefficients [D, m].
         """
@@ -135,8 +134,7 @@ class Structure:
         return np.concatenate([np.empty((len(scale.torque), 0)), *parts], axis=1)
 
     def coupled(self, coefficients: Floats) -> Bools:
-        """
-        Mark the columns [m] whose coefficients move those of others.
+        """Mark the columns [m] whose coefficients move those of others.
 
         All of them where an effect with coefficients in [D, m] follows the power that is drawn.
         """
@@ -177,8 +175,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Design:
-    """
-    A structure linearised about one set of coefficients.
+    """A structure linearised about one set of coefficients.
 
     The model's reduced power is columns @ coefficients + constant.
     """
@@ -217,8 +214,7 @@ def estimates(
     base: BasePower | None = None,
     source: Source = _fresh,
 ) -> Signals:
-    """
-    Return the signals with the model's own estimates.
+    """Return the signals with the model's own estimates.
 
     coefficients is [D, m]; base is a model underneath.
     """

@@ -73,8 +73,7 @@ class Linearisation:
 
 
 class DesignBuilder:
-    """
-    Builds designs on prepared signals; keeps what no estimate moves.
+    """Builds designs on prepared signals; keeps what no estimate moves.
 
     It keeps one point with its columns, too: that which several fits in turn begin at.
     """

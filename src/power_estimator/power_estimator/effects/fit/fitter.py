@@ -38,8 +38,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """
-    A structure fitted to all blocks: coefficients of each drive and the common delay.
+    """A structure fitted to all blocks: coefficients of each drive and the common delay.
 
     Design, target and normal equations are large: a fitter keeps those used last, and makes
     others anew when they are asked for.
@@ -99,8 +98,7 @@ class Fitter:
         settings: FitSettings | None = None,
         prior: Prior | None = None,
     ) -> None:
-        """
-        Fit drives of these signals.
+        """Fit drives of these signals.
 
         groups: drives that share coefficients, by index; base: a model underneath; prior: what
         is expected of coefficients, and counts like a second of measurement.
@@ -130,8 +128,7 @@ class Fitter:
         iterations: int = 3,
         delay: float | None = None,
     ) -> Fit:
-        """
-        Fit all coefficients within their bounds, and the delay unless it is given (s).
+        """Fit all coefficients within their bounds, and the delay unless it is given (s).
 
         start gives the point to linearise about by the names of its effects. At most so many
         iterations: fewer where a step no longer moves what the linearisation depends on.
@@ -198,8 +195,7 @@ class Fitter:
         )
 
     def _settled(self, fit: Fit, design: Design, normal: Normal) -> bool:
-        """
-        Return whether the design would be the same at the fit's coefficients.
+        """Return whether the design would be the same at the fit's coefficients.
 
         It moves with the coefficients of what the motor's torque and speed consist of, and
         discrepancies are bounded by those of their effects.
@@ -222,8 +218,7 @@ class Fitter:
         drawn: Floats | None = None,
         near: Floats | None = None,
     ) -> Floats:
-        """
-        Coefficients from the blocks at weights [B, D], [D, m].
+        """Coefficients from the blocks at weights [B, D], [D, m].
 
         With drawn [F, B], how often each block counts in each of F fits, [F, D, m]. Drives of a
         group share theirs. near [D, m]: coefficients of a similar fit.
@@ -256,8 +251,7 @@ class Fitter:
         return out if drawn is not None else out[0]
 
     def intervals(self, fit: Fit, seed: int = 0, level: float = 0.95) -> Floats:
-        """
-        Bounds of each coefficient, [D, m, 2], by a moving-block bootstrap of 5 s.
+        """Bounds of each coefficient, [D, m, 2], by a moving-block bootstrap of 5 s.
 
         Blocks drawn together keep what is autocorrelated together; coefficients at a bound get
         an interval that ends there, and coefficients whose columns are the same in this recording
@@ -302,8 +296,7 @@ class Fitter:
 
 
 def robust_weights(error: Floats, valid: Bools) -> Floats:
-    """
-    Weight of each block from its mean squared error [B, D]; 1 for the drive's median block.
+    """Weight of each block from its mean squared error [B, D]; 1 for the drive's median block.
 
     A stumble or a push that no model follows weighs little, as it does in the mean of the log
     error by which models are compared.
@@ -328,8 +321,7 @@ def carried(structure: Structure, start: Fit | None, drives: int) -> Floats:
 def measurement_terms(
     catalogue: Catalogue, *, shaft: bool, steady: bool = False
 ) -> tuple[Active, ...]:
-    """
-    Terms that every model is fitted with.
+    """Terms that every model is fitted with.
 
     The gain only where the shaft's is known; what needs time not for steady operating points.
     """

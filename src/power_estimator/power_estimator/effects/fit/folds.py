@@ -26,8 +26,7 @@ class Folds:
     def of(
         cls, blocks: Blocks, settings: FitSettings | None = None, *, by_recording: bool = True
     ) -> 'Folds':
-        """
-        Split by recording where there are enough, else by pieces of 10 s in turn.
+        """Split by recording where there are enough, else by pieces of 10 s in turn.
 
         Not by_recording where each has coefficients of its own, which no other tells.
 

@@ -36,8 +36,7 @@ def per_recording(of: Effect, recordings: int) -> Effect:
 
 
 def gain_per_recording(of: Effect, recordings: int) -> Effect:
-    """
-    A gain error of the meter in each recording, on all of its power.
+    """A gain error of the meter in each recording, on all of its power.
 
     Of one recording the losses take their part of the gain up, so that the shaft alone shows it;
     common losses cannot.
@@ -83,8 +82,7 @@ def has_own_terms(structure: Structure) -> bool:
 def own_delays(
     prepared: Prepared, structure: Structure, fitter_of: Callable[[Prepared], Fitter]
 ) -> Floats:
-    """
-    Delay of each recording's power against that of the others, s [R].
+    """Delay of each recording's power against that of the others, s [R].
 
     structure: the model with all that resembles a delay (inertia, spring), so that motions that
     show these in different measure do not differ in delay for it. fitter_of: makes a fitter. Zero

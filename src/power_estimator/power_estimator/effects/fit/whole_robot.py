@@ -16,8 +16,7 @@ COMMON = frozenset({'idle', 'regeneration_limit', 'line_resistance'})
 
 
 def drive_share(of: Effect, name: str, share: Floats) -> Effect:
-    """
-    The effect as some of the drives of a robot have it, seen in the robot's power.
+    """The effect as some of the drives of a robot have it, seen in the robot's power.
 
     Share [D, n]: by what each drive's regressors count; 0 for none. The drives' sizes are in it.
     """
@@ -51,8 +50,7 @@ def shared_by_size(effect: Effect, signals: Signals) -> Effect:
 
 
 def expanded(actives: Sequence[Active], signals: Signals) -> tuple[Active, ...]:
-    """
-    Effects as the robot's power may show them: each drive with a coefficient of its own.
+    """Effects as the robot's power may show them: each drive with a coefficient of its own.
 
     Effects with shapes have one coefficient in proportion to the drives' sizes, and effects of the
     supply one for all.
@@ -88,8 +86,7 @@ def share_of(effect: Effect, prepared: Prepared, drive: int) -> Floats:
 
 
 class WholeBuilder(DesignBuilder):
-    """
-    Designs of the power of the robot: one column per coefficient, summed over the drives.
+    """Designs of the power of the robot: one column per coefficient, summed over the drives.
 
     Coefficients are [1, m], and so are all sizes that are [D, m] for metered drives.
     """

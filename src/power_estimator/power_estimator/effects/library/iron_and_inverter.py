@@ -24,8 +24,7 @@ _BASE_SPEEDS = tuple(
 
 
 def _iron(signals: Signals, *, carried: float = 0.0, **_: float) -> Floats:
-    """
-    Speed and speed squared, with the copper loss of their torque.
+    """Speed and speed squared, with the copper loss of their torque.
 
     In some machines the current that feeds these losses also heats the winding (carried = 1, as
     when they brake the rotor). They then differ from friction in size only, hence the bounds.
@@ -47,8 +46,7 @@ def _exponent(signals: Signals, **_: float) -> Floats:
 
 
 def _iron_factors(scale: DriveScale) -> Floats:
-    """
-    Up to a friction's size where the bound of the reference drive tells nothing.
+    """Up to a friction's size where the bound of the reference drive tells nothing.
 
     That is where the torque is the motor's, so that friction is no rival, and where the drive
     is of another size: bare and fast motors lose much more in their iron.

@@ -37,8 +37,7 @@ def _temperature_moved(signals: Signals, *, time_constant: float = 0.0, **_: flo
 
 
 def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floats]:
-    """
-    First-order response to the torque squared, and the decay of the initial state [T, D].
+    """First-order response to the torque squared, and the decay of the initial state [T, D].
 
     Gaps inside a recording count as time without load; a new recording starts anew.
     """

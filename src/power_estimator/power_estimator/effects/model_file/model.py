@@ -121,8 +121,7 @@ class DriveGroup:
 
 @dataclass(frozen=True)
 class EffectModel:
-    """
-    Active effects and, once fitted, their coefficients by drive type or by drive.
+    """Active effects and, once fitted, their coefficients by drive type or by drive.
 
     Implements PowerModel. Effects may be added to a base model's power (`ppn:RUN` or a proxy).
     """
@@ -167,8 +166,7 @@ class EffectModel:
         base: Floats | Singles | None = None,
         carried: Carried | None = None,
     ) -> Singles:
-        """
-        Return the electrical power in W [T, D]; NaN for drives of no known type.
+        """Return the electrical power in W [T, D]; NaN for drives of no known type.
 
         base is the base model's power on the same samples, where it is known already. carried
         holds the memory of effects, of data that come block by block. InputError for a model that
@@ -272,8 +270,7 @@ class EffectModel:
         return tuple(f'{name} ({own.at_bound})' for name, own in found if own.at_bound)
 
     def as_prior(self) -> Prior:
-        """
-        Return the coefficients that a drive like this one is expected to have.
+        """Return the coefficients that a drive like this one is expected to have.
 
         Give or take half of the interval, and a fifth, by which drives of one make differ. What
         stands at a bound, or is of a recording, is not expected anywhere.

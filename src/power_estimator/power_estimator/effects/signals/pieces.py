@@ -15,8 +15,7 @@ _LEAST = 40.0  # s of each recording, that its delay and gain can be told
 
 
 def pieces(prepared: Prepared, most: float) -> Prepared:
-    """
-    Return most seconds of the signals, in pieces of 12 s spread evenly over each recording.
+    """Return most seconds of the signals, in pieces of 12 s spread evenly over each recording.
 
     Recordings share the seconds: short ones stay whole, and none has less than 40 s for others.
     What remembers (a winding's temperature) still follows all samples. Meters that are slow keep
@@ -82,8 +81,7 @@ def _shares(lengths: Sequence[int], budget: float) -> Floats:
 def _within(
     done: int, size: int, length: int, period: float, factor: int
 ) -> Iterator[tuple[int, int]]:
-    """
-    Begin and end of each piece within a stretch of a size, after done samples of its recording.
+    """Begin and end of each piece within a stretch of a size, after done samples of its recording.
 
     A period of 0 leaves the stretch whole. Pieces begin at a multiple of factor, each at another
     place of its period, so that a motion that repeats is seen in all of its phases.

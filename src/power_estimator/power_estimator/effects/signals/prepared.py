@@ -48,8 +48,7 @@ class SignalPart:
 
 @dataclass(frozen=True)
 class Prepared:
-    """
-    Signals of D drives with the power of M meters reduced at every delay.
+    """Signals of D drives with the power of M meters reduced at every delay.
 
     Each drive has a meter, or there is one for the whole robot. Reduced arrays have N rows at
     50 Hz.
@@ -115,8 +114,7 @@ class Prepared:
 
     @cached_property
     def resolved(self) -> Bools:
-        """
-        [N, M] where the joint signals are sampled finely enough to multiply.
+        """[N, M] where the joint signals are sampled finely enough to multiply.
 
         What torque·w does between two samples is of the size of torque·(second difference of w)
         and w·(second difference of torque); where that is many times its usual size in motion (a
@@ -134,8 +132,7 @@ class Prepared:
         return np.ones((len(fine), 1), dtype=bool) if self.whole else fine
 
     def unseen(self, copper: Floats) -> Floats:
-        """
-        Power that passes between the samples of the joint signals unseen, W rms [M].
+        """Power that passes between the samples of the joint signals unseen, W rms [M].
 
         What torque·w and copper·torque² (copper in W/(N·m)² [D]) have near half the sampling rate,
         folded down: as much again, or less, folds down from the sampling rate itself, where
@@ -232,8 +229,7 @@ def signals_of(
 
 
 def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
-    """
-    Correct, check and reduce the drives whose power was measured.
+    """Correct, check and reduce the drives whose power was measured.
 
     window: s over which energy is compared, of meters that are slow; 0 for all others.
 
@@ -292,8 +288,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
 
 
 def velocity_lag(data: AlignedDataset) -> Floats:
-    """
-    Lag of each drive's velocity behind its position, s [D], from these two sensors alone.
+    """Lag of each drive's velocity behind its position, s [D], from these two sensors alone.
 
     Regresses dq/dt − w on dw/dt below 12.5 Hz. InputError where velocity is not the rate of the
     position in the same unit.
@@ -327,8 +322,7 @@ def velocity_lag(data: AlignedDataset) -> Floats:
 
 
 def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
-    """
-    Time derivative [T, D] inside each stretch by central differences.
+    """Time derivative [T, D] inside each stretch by central differences.
 
     These keep energy: the sum of w·dw telescopes however fast w changes.
     """

@@ -20,8 +20,7 @@ _TOGETHER = 16  # outputs made by one matrix product
 
 @dataclass(frozen=True)
 class Reducer:
-    """
-    Low-pass at 12.5 Hz and decimation, the same for every product and for the power.
+    """Low-pass at 12.5 Hz and decimation, the same for every product and for the power.
 
     With a window in s it is the mean over that window: energy, for meters that are slow. Steady
     operating points are taken one by one.
@@ -116,8 +115,7 @@ def _known(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
 
 
 def _decimated(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
-    """
-    FIR filter and decimation of values [T, ...] to [count, ...].
+    """FIR filter and decimation of values [T, ...] to [count, ...].
 
     Output i is the sum over k of taps[k]·values[i·factor + len(taps) − 1 − k]. A matrix product
     makes a few outputs at once from the stretch of input that they share, without copies: two

@@ -18,8 +18,7 @@ _POWERS = {'²': 2, '³': 3}
 
 @dataclass(frozen=True)
 class DriveScale:
-    """
-    Factors [D] by which drives differ from the reference drive; 1 where they are alike.
+    """Factors [D] by which drives differ from the reference drive; 1 where they are alike.
 
     The reference drive moves 40 N·m at 8 rad/s from 48 V. A drive counts as alike within a factor
     of three, so that all joints of a leg share one scale.
@@ -67,8 +66,7 @@ class DriveScale:
         return STANDSTILL * self.speed
 
     def factor(self, unit: str, *, of_sensor: bool = False) -> Floats:
-        """
-        Factor [D] of a coefficient in an SI unit such as `W/(N·m)²` or `kg·m²`.
+        """Factor [D] of a coefficient in an SI unit such as `W/(N·m)²` or `kg·m²`.
 
         Torque in a numerator is a loss at the drive's speed (friction, inertia), so it grows with
         power over speed; in a denominator, or of_sensor, it is the torque that is measured.
@@ -102,8 +100,7 @@ def scale_of(
     groups: Sequence[Sequence[int]],
     at_motor: Bools,
 ) -> DriveScale:
-    """
-    Return the scale of D drives from their recording: N·m, rad/s and V [T, D], W [T, D] with NaN.
+    """Return the scale of D drives of a recording: N·m, rad/s and V [T, D], W [T, D] with NaN.
 
     groups: columns of drives that are built alike and share the largest figures. Torque scales
     down only where it visibly costs more copper loss than the reference drive could have: a

@@ -23,8 +23,7 @@ def with_torque(data: AlignedDataset, constants: Mapping[str, float]) -> Aligned
 
 
 def torque_constants(data: AlignedDataset) -> dict[str, float]:
-    """
-    N·m/A of drives whose torque is a current, from the power that it makes with the speed.
+    """N·m/A of drives whose torque is a current, from the power that it makes with the speed.
 
     Regresses P on i·w, i², |w| and 1; the power of a whole robot on those of all its drives.
     Drives that are alike share the mean. 1 for drives that do not turn enough to tell.

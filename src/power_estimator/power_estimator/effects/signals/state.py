@@ -13,8 +13,7 @@ from power_estimator.effects.signals.scale import DriveScale
 
 
 class Carried:
-    """
-    States of effects with memory at each of the last samples.
+    """States of effects with memory at each of the last samples.
 
     Blocks may overlap: an effect begins with its state at the last sample before the block's.
     """
@@ -80,8 +79,7 @@ class OtherDrives:
 
 @dataclass(frozen=True)
 class Signals:
-    """
-    Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
+    """Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
 
     motor_*, torque_cost and drawn are the model's own estimates so far: the
     motor's motion behind a spring, its torque including friction and rotor inertia, the slope of

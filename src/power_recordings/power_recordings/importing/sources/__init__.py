@@ -31,8 +31,7 @@ _NEEDS: Final = {
 
 
 def open_source(path: Path, messages: Path | None = None) -> LogSource:
-    """
-    Open a log by the ending of its name; a folder is a rosbag2 bag.
+    """Open a log by the ending of its name; a folder is a rosbag2 bag.
 
     messages: a folder of .msg files for types that a bag does not define itself. Raises
     InputError for a file that is absent, of an unknown kind, or damaged.

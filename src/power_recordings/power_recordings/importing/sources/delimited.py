@@ -35,8 +35,7 @@ _LINE = re.compile(r'[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+')
 
 
 def decoded(raw: bytes, whole: bool) -> tuple[list[str], str, int]:
-    """
-    Return the lines of the beginning of a text, with their ends, its encoding, and its mark.
+    """Return the lines of the beginning of a text, with their ends, its encoding, and its mark.
 
     raw: the first bytes; not `whole`, the line that they end in is left out. The mark is the
     number of bytes of a byte-order mark. What is no UTF-8 is GB18030 where its high bytes come in

@@ -38,8 +38,7 @@ _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 
 @dataclass(frozen=True)
 class Head:
-    """
-    Names and units of the columns, and the index of the first row of values.
+    """Names and units of the columns, and the index of the first row of values.
 
     unfit: names in the row above the values, where they are not as many as the values.
     """
@@ -66,8 +65,7 @@ def is_number(field: str) -> bool:
 def find_head(
     rows: Sequence[Sequence[str]], commented: Sequence[Sequence[str]] = ()
 ) -> Head | None:
-    """
-    Find the head of a table in its first rows.
+    """Find the head of a table in its first rows.
 
     The first row of values is the first of as many fields as most rows have that holds numbers,
     half as many as rows usually do at least. The row above it names the columns, whether or not
@@ -190,8 +188,7 @@ class ArrayLog:
 
 
 def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogColumn]:
-    """
-    Return the columns of named arrays by their shapes.
+    """Return the columns of named arrays by their shapes.
 
     An array [N] is one column, [N, K] or [K, N] are K columns `name.0` …; the longer axis is time.
     Arrays of one length share a stream. Scalars and higher dimensions are left out.

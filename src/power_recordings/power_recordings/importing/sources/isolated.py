@@ -1,5 +1,4 @@
-"""
-Arrays of files that native code reads, in a process of its own.
+"""Arrays of files that native code reads, in a process of its own.
 
 Damaged files make the readers of MAT files and HEBI logs crash; there it costs no more than the
 file. Run as a module, this loads the file and hands the arrays over in a .npz file.
@@ -24,8 +23,7 @@ _NAMES: Final = 'names'
 
 
 def load_isolated(reader: str, path: Path, kind: str) -> dict[str, NDArray[Any]]:
-    """
-    Return the arrays by name that `load(path)` of the module `reader` of this package returns.
+    """Return the arrays by name that `load(path)` of the module `reader` of this package returns.
 
     Raises InputError for a file that is damaged, which it calls `kind`.
     """

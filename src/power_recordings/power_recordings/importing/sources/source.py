@@ -19,8 +19,7 @@ _RATIO = 200  # bytes of numbers to a byte of the file, at most
 
 @dataclass(frozen=True)
 class LogColumn:
-    """
-    One signal of a log.
+    """One signal of a log.
 
     address: as a map's `from` has it. stream: columns of one stream share their times. unit: as
     far as the log says it, else ''. rows: None where only reading tells.
@@ -34,8 +33,7 @@ class LogColumn:
 
 @dataclass(frozen=True)
 class LogBlock:
-    """
-    Some consecutive rows of one stream.
+    """Some consecutive rows of one stream.
 
     values: by address, float64 [N] (NaN for what is no number), or texts [N] where dates are.
     header_ns, log_ns: stamps of a bag's messages [N]; None for tables.

@@ -1,5 +1,4 @@
-"""
-An EtherCAT slave controller: memory, addressing, sync managers, FMMUs, EEPROM, state machine.
+"""An EtherCAT slave controller: memory, addressing, sync managers, FMMUs, EEPROM, state machine.
 
 Register addresses and rules are those of ETG.1000 part 4 (data link layer) and part 6 (state
 machine), as far as a master needs them to bring a slave with inputs to OP. Not there:
@@ -62,8 +61,7 @@ _INVALID_MAILBOX, _INVALID_INPUTS = 0x0016, 0x001E
 
 
 class SlaveController:
-    """
-    EtherCAT slave controller as seen by a frame.
+    """EtherCAT slave controller as seen by a frame.
 
     sii: the EEPROM's bytes; input_manager: sync manager of the inputs and their bytes, None for
     a slave without. Subclasses give `mailbox` and `before_inputs` a meaning.
@@ -101,8 +99,7 @@ class SlaveController:
         """Take note of a state that was reached."""
 
     def serve(self, command: int, address: int, offset: int, data: bytearray) -> tuple[int, int]:
-        """
-        Process a datagram; data is changed in place.
+        """Process a datagram; data is changed in place.
 
         address, offset: the two 16-bit halves of the datagram's address. Returns the address for
         the next slave and what to add to the working counter.

@@ -1,5 +1,4 @@
-"""
-EK1100 and EL3102 as a master finds them: EEPROM, CoE objects, process data.
+"""EK1100 and EL3102 as a master finds them: EEPROM, CoE objects, process data.
 
 Identities, objects and process data follow Beckhoff's documentation of the EL31xx (revisions
 from 0x0016 on); the EEPROM follows ETG.2010. The converter is ideal: 16 bit over ±10 V.
@@ -83,8 +82,7 @@ def _pdo(channel: int) -> tuple[int, ...]:
 
 
 class EL3102(SlaveController):
-    """
-    Terminal with two inputs; a function gives their voltages (V) at each conversion.
+    """Terminal with two inputs; a function gives their voltages (V) at each conversion.
 
     With the filter off, as it must be, a conversion is triggered by each frame that fetches the
     inputs: the frame after it finds the value.
@@ -188,8 +186,7 @@ _POLL = 0.1
 
 
 def process(frame: bytes, slaves: Sequence[SlaveController]) -> bytes | None:
-    """
-    Pass an Ethernet frame through slaves and back; None for one that is no EtherCAT frame.
+    """Pass an Ethernet frame through slaves and back; None for one that is no EtherCAT frame.
 
     A slave that is not present ends the segment: those behind it see nothing.
     """
@@ -222,8 +219,7 @@ def process(frame: bytes, slaves: Sequence[SlaveController]) -> bytes | None:
 
 
 class EmulatedSegment:
-    """
-    Emulated slaves on a network interface, served by a thread; requires raw sockets.
+    """Emulated slaves on a network interface, served by a thread; requires raw sockets.
 
     plugged: whether the cable to the first slave is in.
     """
