@@ -91,6 +91,25 @@ def test_a_body_that_is_too_large_is_refused_before_it_is_read(bench):
     assert written(bench.folder) == before
 
 
+def test_a_file_is_taken_whole_under_the_name_of_a_log_into_the_session_alone(bench):
+    session = bench.ask('/api/sessions', {})[1]['session']
+    here, before = f'/api/sessions/{session}/upload', written(bench.folder)
+    kind = {'Content_Type': 'application/octet-stream'}
+    for name in ('run.py', '..%2Flog.csv', '%2Fetc%2Flog.csv', '.csv', 'a%00.csv', ''):
+        assert bench.ask(f'{here}?name={name}', body=b'1', **kind)[0] == 400, name
+    assert bench.ask(f'{here}?name=log.csv', body=b'1')[0] == 415
+    assert bench.ask(f'{here}?name=log.csv', body=b'1', **kind, X_Token=None)[0] == 403
+    assert bench.ask(f'{here}?name=log.csv', body=b'1', **kind, Origin='null')[0] == 403
+    lengths = {'Content_Length': str(3 << 30)}
+    assert bench.ask(f'{here}?name=log.csv', body=b'1', **kind, **lengths)[0] == 413
+    assert written(bench.folder) == before
+    status, said = bench.ask(f'{here}?name=log.csv', body=b't,v\n' * 200_000, **kind)
+    assert status == 200
+    folder = bench.folder / 'workbench' / session / 'logs'
+    assert said == {'file': str(folder / 'log.csv')}
+    assert [(one.name, one.stat().st_size) for one in folder.iterdir()] == [('log.csv', 800_000)]
+
+
 @pytest.mark.parametrize(
     'path',
     [

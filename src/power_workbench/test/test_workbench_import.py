@@ -141,6 +141,36 @@ def test_a_real_log_is_imported_as_its_command_imports_it(browser, tmp_path, mon
         assert page.complaints == []
 
 
+@in_browser
+def test_a_map_of_efficiency_is_chosen_as_a_file_and_imported_with_its_power(
+    browser, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'bags').mkdir()
+    log = tmp_path / 'elsewhere' / 'dyno.csv'
+    log.parent.mkdir()
+    rows = [f'{n},{m / 10},{50 + m},48' for n in range(500, 3000, 250) for m in range(1, 40, 3)]
+    log.write_text('\n'.join(['speed_rpm,torque_Nm,system_efficiency_%,dc_voltage_V', *rows]))
+    with served(tmp_path / 'page', tmp_path / 'bags') as bench:
+        page = page_of(browser, bench.address)
+        page.get_by_text('Import CSV, MAT, HDF5 …').click()
+        page.get_by_label('A file of this computer').set_input_files(log)
+        page.get_by_role('heading', name='Map of dyno.csv').wait_for()
+        field = page.get_by_label('DRIVE efficiency: column')
+        assert field.input_value() == 'system_efficiency_%'
+        page.get_by_role('button', name='Import', exact=True).click()
+        page.get_by_text('Imported: ').wait_for()
+        words = shlex.split(page.locator('#log-result pre.command').inner_text())
+        made = Recording.open(tmp_path / words[-1])
+        power = made.drive_supply().power[:, 0]
+        expected = 0.1 * 500 * np.pi / 30 / 0.51  # W of the first row
+        assert power[0] == pytest.approx(expected, rel=1e-4)
+        field.fill('')
+        page.get_by_label('Signal to add to DRIVE').select_option('loss')
+        assert page.get_by_label('DRIVE loss: column').input_value() == ''
+        assert page.complaints == []
+
+
 def test_logs_outside_the_folders_and_maps_that_are_none_are_refused(logs, tmp_path):
     with served(tmp_path / 'page', logs) as bench:
         session = bench.ask('/api/sessions', {})[1]['session']

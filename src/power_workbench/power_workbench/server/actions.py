@@ -155,7 +155,7 @@ def allow(manager: SessionManager, session: WorkbenchSession, content: Mapping[s
 def log(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
     """Begin to look into a log, or to import it."""
     given = parse(OneLog, content, 'log')
-    manager.folders.within(given.file)
+    _folders(manager, session).within(given.file)
     if given.map is None:
         session.look_at_log(given.file)
     else:

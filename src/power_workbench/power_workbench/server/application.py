@@ -16,7 +16,10 @@ from starlette.responses import FileResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Route
 from wattwalk_core.errors import InputError
 
+from power_workbench.files.logs import ENDINGS
+from power_workbench.files.upload import keep_log
 from power_workbench.server import actions, answers
+from power_workbench.server.guard import UPLOAD
 from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.views import maps
@@ -116,6 +119,15 @@ def application(manager: SessionManager) -> Starlette:
             return _json({'error': str(error)}, 400)
         return StreamingResponse(events(), media_type='text/event-stream', headers=_FRESH)
 
+    async def upload(request: Request) -> Response:
+        """Keep a log of the page's file chooser beside the session."""
+        try:
+            session = await run_in_threadpool(manager.session, request.path_params['session'])
+            name, length = request.query_params.get('name', ''), request.headers['content-length']
+            return _json(await keep_log(session.folder, name, int(length), request.stream()))
+        except InputError as error:
+            return _json({'error': str(error)}, 400)
+
     async def sessions(request: Request) -> Response:
         if request.method == 'POST':
             return await _told(lambda: _json({'session': manager.new()}))
@@ -127,6 +139,7 @@ def application(manager: SessionManager) -> Starlette:
                 {
                     'recordings': manager.folders.recordings(),
                     'logs': manager.folders.logs(),
+                    'endings': ENDINGS,
                     'models': manager.folders.models(),
                     'catalogue': answers.catalogue_content(load_catalogue()),
                     'families': answers.families_content(),
@@ -146,6 +159,7 @@ def application(manager: SessionManager) -> Starlette:
             Route('/api/sessions', sessions, methods=['GET', 'POST']),
             Route(f'{here}/state', state),
             Route(f'{here}/live', live),
+            Route(f'{here}{UPLOAD}', upload, methods=['POST']),
             Route(f'{here}/traces', of_session(_traces)),
             Route(f'{here}/log', of_session(lambda session, _: dict(session.log))),
             Route(f'{here}/budget', of_session(lambda session, _: dict(session.budget or {}))),

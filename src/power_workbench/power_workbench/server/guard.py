@@ -6,6 +6,8 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
+from power_workbench.files.upload import LARGEST_LOG
+
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
@@ -13,7 +15,8 @@ App = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 LONGEST_BODY = 256 * 1024
 """Bytes."""
-_TOO_LONG = f'A body may have {LONGEST_BODY} bytes.'
+UPLOAD = '/upload'
+"""End of the paths whose body is a file; it is passed on as it comes."""
 _HEADERS = {
     'Content-Security-Policy': (
         "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -79,11 +82,13 @@ class PageGuard:
         if scope['method'] not in ('GET', 'HEAD', 'POST'):
             return 405, 'Only GET and POST are answered.'
         if scope['method'] == 'POST':
-            if headers.get('content-type', '').partition(';')[0].strip() != 'application/json':
-                return 415, 'A body must be JSON.'
-            length = headers.get('content-length', '0')
-            if not length.isdecimal() or len(length) > 18 or int(length) > LONGEST_BODY:
-                return 413, _TOO_LONG
+            upload = scope['path'].endswith(UPLOAD)
+            kind = 'application/octet-stream' if upload else 'application/json'
+            if headers.get('content-type', '').partition(';')[0].strip() != kind:
+                return 415, f'A body must be {kind}.'
+            length = headers.get('content-length', '' if upload else '0')
+            if not length.isdecimal() or len(length) > 18 or int(length) > _most(scope):
+                return 413, _too_long(scope)
         return None
 
     def _in_address(self, scope: MutableMapping[str, Any]) -> bool:
@@ -111,9 +116,13 @@ class PageGuard:
         return [(b'location', b'/'), (b'set-cookie', cookie.encode())]
 
     async def _pass(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
-        """Read a body within its limit, then let the application answer."""
+        """Read a body within its limit, then let the application answer.
+
+        A file is not read here: the server ends it at the length that was checked.
+        """
         body = b''
-        if scope['method'] == 'POST':
+        upload = scope['path'].endswith(UPLOAD)
+        if scope['method'] == 'POST' and not upload:
             more = True
             while more:
                 message = await receive()
@@ -122,7 +131,7 @@ class PageGuard:
                 body += message.get('body', b'')
                 more = message.get('more_body', False)
                 if len(body) > LONGEST_BODY:
-                    await _answer(send, 413, _TOO_LONG)
+                    await _answer(send, 413, _too_long(scope))
                     return
         whole: list[Message] = [{'type': 'http.request', 'body': body, 'more_body': False}]
 
@@ -134,7 +143,15 @@ class PageGuard:
                 message['headers'] = [*message['headers'], *_dress()]
             await send(message)
 
-        await self._app(scope, read, dressed)
+        await self._app(scope, receive if upload else read, dressed)
+
+
+def _most(scope: MutableMapping[str, Any]) -> int:
+    return LARGEST_LOG if scope['path'].endswith(UPLOAD) else LONGEST_BODY
+
+
+def _too_long(scope: MutableMapping[str, Any]) -> str:
+    return f'A body may have {_most(scope)} bytes.'
 
 
 def _dress() -> list[tuple[bytes, bytes]]:

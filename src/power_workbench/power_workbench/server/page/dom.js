@@ -63,6 +63,9 @@ export async function ask(address, content) {
   return (await answered(await fetch(address, content === undefined ? {} : posted(content)))).json();
 }
 
+/** Hand a file over to the session's folder; the answer says where it lies. */
+export const upload = async (file) => (await answered(await fetch(`${root()}/upload?${new URLSearchParams({ name: file.name })}`, { method: 'POST', headers: { 'Content-Type': 'application/octet-stream' }, body: file }))).json();
+
 export const post = (path, content = {}) => ask(`${root()}/${path}`, content);
 
 /** Say what is wrong, with a button for what would mend it. */

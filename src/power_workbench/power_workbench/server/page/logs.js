@@ -1,11 +1,15 @@
 // Import of logs that others recorded: the guessed map as a table, its signals, the recording.
 
-import { attempt, bench, command, fill, find, get, h, number, post, take } from './dom.js';
+import { attempt, bench, command, fill, find, get, h, number, post, take, upload } from './dom.js';
 import { shortened } from './model.js';
 
-const DRIVE = ['position', 'velocity', 'torque', 'motor_current', 'command', 'voltage', 'current', 'power', 'temperature'];
+const DRIVE = ['position', 'velocity', 'torque', 'motor_current', 'command', 'voltage', 'current', 'power', 'efficiency', 'loss', 'temperature'];
 const SUPPLY = ['voltage', 'current', 'power'];
-const MEANS = { motor_current: 'motor current (beside a torque sensor: both sides of the gear)' };
+const MEANS = {
+  motor_current: 'motor current (beside a torque sensor: both sides of the gear)',
+  efficiency: 'efficiency (% or 1; the power is torque · speed over it)',
+  loss: 'loss (W; the power is torque · speed plus it)',
+};
 const TIMES = { column: 'a column', columns: 'two columns, added', rate: 'none: a constant rate', steady: 'none: operating points' };
 let log = null;
 let map = null;
@@ -23,12 +27,24 @@ function build() {
   const file = h('select', { id: 'log-file', 'aria-label': 'Log' }, options(''));
   const find_ = h('input', { type: 'text', placeholder: 'part of its name', 'aria-label': 'Show logs with', oninput: (event) => fill(file, options(event.target.value)) });
   const look = h('button', { type: 'button', onclick: () => attempt(() => post('log', { file: file.value })) }, 'Look into it');
+  const chosen = h('input', { type: 'file', id: 'log-chosen', accept: bench.known.endings.join(), onchange: () => attempt(() => handOver(chosen)) });
   const body = h('div');
   parts = { body, look };
-  const none = 'No log lies in the folders that were named. Start again with its folder: ros2 run power_workbench open logs/';
   fill(find('logs-body'), h('details', { id: 'import' }, h('summary', {}, 'Import CSV, MAT, HDF5 …'),
     h('p', { class: 'faint' }, 'Also xlsx, parquet, JSON, hebilog, and bags of other topics. The page guesses which column is what; you correct it.'),
-    logs.length ? h('div', { class: 'row' }, logs.length > 12 ? find_ : null, file, look) : h('p', {}, none), body));
+    h('div', { class: 'row' }, h('label', {}, 'A file of this computer ', chosen), h('span', { class: 'faint', id: 'log-handed' }, 'It is copied to the session’s folder, up to 2 GB.')),
+    logs.length ? h('div', { class: 'row' }, 'Or of the folders that were named', logs.length > 12 ? find_ : null, file, look) : null, body));
+}
+
+/** A browser does not say where a file lies, and the server reads named folders alone: a copy goes to the session. */
+async function handOver({ files: [file] }) {
+  if (!file) return;
+  find('log-handed').textContent = `Copying ${file.name}…`;
+  try {
+    await post('log', await upload(file));
+  } finally {
+    find('log-handed').textContent = '';
+  }
 }
 
 export async function update() {
