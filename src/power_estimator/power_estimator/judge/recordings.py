@@ -14,6 +14,7 @@ from power_recordings.reading.reader import Recording
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
+from power_estimator.judge.left_out import LeftOut, spans_of, without
 from power_estimator.judge.read_recordings import JudgedDrives, read_here, read_on_workers
 
 _SMOOTH_RATE = 200.0
@@ -30,6 +31,7 @@ class Loaded:
     identities: tuple[Mapping[str, str], ...]  # name and sha256
     controllers: tuple[str, ...]  # by recording, '' where unknown
     window: float = 0.0  # s, over which energy is judged where the meter is slow
+    left_out: tuple[LeftOut, ...] = ()
     smoothed: AlignedDataset | None = None  # signals that networks get in place of `smooth`
 
     @classmethod
@@ -49,9 +51,10 @@ class Loaded:
         """The same recordings as networks and proxies take them: 200 Hz, smoothed; or points."""
         if self.smoothed is not None or not self.recordings or self.data.steady:
             return self.smoothed or self.data
-        return load_aligned(
+        data = load_aligned(
             self.recordings, rate=_SMOOTH_RATE, drives=self.data.names, need_power=False
         )
+        return without(data, self.left_out)
 
     @cached_property
     def unmetered(self) -> 'Loaded | None':
@@ -70,6 +73,13 @@ class Loaded:
         )
         return replace(self, data=data)
 
+    def without(self, texts: Sequence[str]) -> 'Loaded':
+        """Leave seconds out of all judgement: FROM:TO, or N@FROM:TO of the N-th recording."""
+        if not texts:
+            return self
+        spans = spans_of(texts)
+        return replace(self, data=without(self.data, spans), left_out=spans)
+
     def only(self, places: Sequence[int]) -> 'Loaded':
         """Some of the recordings, in ascending order."""
         if len(places) == len(self.identities):
@@ -82,6 +92,11 @@ class Loaded:
             self,
             data=replace(data, recording=np.searchsorted(places, data.recording).astype(np.int32)),
             recordings=[self.recordings[i] for i in places] if self.recordings else (),
+            left_out=tuple(
+                replace(span, recording=list(places).index(span.recording))
+                for span in self.left_out
+                if span.recording in places
+            ),
             identities=tuple(self.identities[i] for i in places),
             controllers=tuple(self.controllers[i] for i in places),
         )
@@ -93,6 +108,7 @@ def load(
     *,
     slow: bool = False,
     anyway: bool = False,
+    without: Sequence[str] = (),
     engine: TaskEngine | None = None,
     show: Callable[[str], None] = lambda text: None,
 ) -> Loaded:
@@ -100,8 +116,8 @@ def load(
 
     slow: take meters that change less than 25 times a second, of which energy is judged over
     windows. anyway: take recordings whose signals contradict each other, too. drives: names, or
-    patterns as *_KFE. InputError for recordings that cannot be read, lack electrical data, or lack
-    a named drive.
+    patterns as *_KFE. without: seconds to leave out, as in `Loaded.without`. InputError for
+    recordings that cannot be read, lack electrical data, or lack a named drive.
     """
     judged = JudgedDrives(tuple(drives), slow, anyway)
     if engine is None or len(paths) < 2:
@@ -131,13 +147,14 @@ def load(
     for doubt in read.doubts:
         if doubt:
             raise InputError(doubt)
-    return Loaded(
+    loaded = Loaded(
         data.drives(list(dict.fromkeys(itertools.chain(*fitting))) or measured),
         read.recordings,
         tuple({'name': one.name, 'sha256': one.sha256} for one in read.described),
         tuple(str(one.card.get('controller', '')) for one in read.described),
         _window(read.changes) if slow else 0.0,
     )
+    return loaded.without(without)
 
 
 def _window(changes: Sequence[float]) -> float:

@@ -33,6 +33,19 @@ def add_bags(made: ArgumentParser) -> None:
         metavar='NAME',
         help='only these drives',
     )
+    add_reading(made)
+
+
+def add_reading(made: ArgumentParser) -> None:
+    """Seconds that are left out, and recordings that are refused unless one insists."""
+    made.add_argument(
+        '--without',
+        nargs='+',
+        default=[],
+        metavar='FROM:TO',
+        help='leave these seconds out of all judgement, as 12.5:14,30:31; 2@12.5:14 of the second '
+        'recording',
+    )
     add_doubts(made)
 
 
@@ -60,7 +73,7 @@ def add(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
     add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
-    add_doubts(parser)
+    add_reading(parser)
     add(
         '-o',
         '--output',

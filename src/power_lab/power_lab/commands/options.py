@@ -37,7 +37,8 @@ def check_models(specs: Sequence[str], catalogue: Catalogue) -> None:
 
 def reading_of(options: argparse.Namespace) -> dict[str, Any]:
     """Choices of drives and doubts, as recordings are read."""
-    return {'drives': options.drives, 'slow': options.slow, 'anyway': options.anyway}
+    names = ('drives', 'slow', 'anyway', 'without')
+    return {name: getattr(options, name) for name in names}
 
 
 def console() -> Console:

@@ -1,10 +1,11 @@
 """Actions of the page on a session: their contents checked, then passed on to it."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Name, Printable, Quantity, parse, schema
+from wattwalk_core.schema import Length, Name, Printable, Quantity, parse, schema
 
 from power_workbench.files.folders import Folders
 from power_workbench.live.notes import keep_note
@@ -77,6 +78,13 @@ class OneLog:
 
 
 @schema
+class ShownSpans:
+    """Spans of the traces."""
+
+    spans: Annotated[tuple[tuple[_Seconds, _Seconds], ...], Length(0)]
+
+
+@schema
 class LiveNote:
     """A note on a running robot."""
 
@@ -116,6 +124,19 @@ def check_spec(manager: SessionManager, session: WorkbenchSession, spec: str) ->
 def go(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
     """Undo, redo, or go to any place in the history."""
     session.go(parse(HistoryPlace, content, 'place').at)
+
+
+def leave_out(
+    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
+) -> None:
+    """Leave seconds, as they are shown, out of all judgement; without spans, take all in again."""
+    given, view = parse(ShownSpans, content, 'seconds'), answers.view_of(session)
+    spans = [str(own) for one in given.spans for own in view.spans(*one)]
+    opened = session.record.opened
+    if opened is None or bool(spans) != bool(given.spans):
+        raise InputError('these seconds hold no row that is judged')
+    without = tuple(dict.fromkeys([*opened.without, *spans])) if spans else ()
+    session.take(replace(opened, without=without, rmse_w={}))
 
 
 def _of_model(request: str) -> Action:
@@ -200,6 +221,7 @@ def select(
 ACTIONS: Mapping[str, Action] = {
     'step': take,
     'go': go,
+    'leave_out': leave_out,
     **{name: _of_model(name) for name in ('diagnose', 'discover', 'report')},
     'bench': record,
     'line': line,

@@ -137,6 +137,8 @@ def _step(session: WorkbenchSession, record: SessionRecord, index: int) -> dict[
 def label(step: SessionStep) -> str:
     """A step in a few words."""
     words = ', '.join(in_words(name) for name in step.effects)
+    if step.without:
+        return f'leave out {", ".join(step.without)} s'
     if step.kind == 'open':
         return f'open {", ".join(Path(path).name for path in step.recordings)}'
     if step.kind in ('load', 'effects'):
@@ -167,6 +169,7 @@ def _view(view: PowerView) -> dict[str, Any]:
         'seconds': view.seconds,
         'judged_seconds': round(len(view.slots) / REDUCED_RATE, 2),
         'worst': list(view.worst),
+        'hidden': [[round(one, 2) for one in span] for span in view.hidden],
         'quantities': [
             {'name': name, 'unit': maps.UNITS_OF.get(name, '')}
             for name in (*view.state, *([] if view.stride.phase is None else [maps.STRIDE]))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from power_estimator.judge.left_out import spans_of
 from power_estimator.judge.read_recordings import ReadAgain
 from power_estimator.judge.recordings import Loaded
 from power_recordings.alignment.dataset import AlignedDataset
@@ -27,14 +28,14 @@ FOLDER = 'workbench_cache'
 """Beside the index of recordings."""
 _CODE = (
     *('power_recordings', 'power_estimator.effects', 'power_estimator.judge.recordings'),
-    'power_estimator.judge.read_recordings',
+    *('power_estimator.judge.read_recordings', 'power_estimator.judge.left_out'),
     *('power_lab.compare', 'power_workbench.views.view', 'power_workbench.sessions.described'),
     'power_workbench.sessions.opened_cache',
 )
 _MOST = 4 << 30  # bytes of all files
 _ROOM = 1 << 30  # bytes that stay free on the disk
 _UNFINISHED = 3600.0  # s, after which a file that was never renamed is deleted
-_ARRAYS = ('slots', 'recording', 'measured', 'noise')
+_ARRAYS = ('slots', 'time', 'recording', 'measured', 'noise')
 _TEXTS = ('meters', 'drives', 'recordings', 'still')
 _SETS = ('motor_torque', 'current_as_torque', 'computed_power')
 
@@ -83,7 +84,14 @@ class OpenedCache:
             stamps = [Stamp.of(Path(path)) for path in source.recordings]
         except InputError:
             return ''
-        how = (stamps, source.recordings, source.drives, source.slow, source.anyway)
+        how = (
+            stamps,
+            source.recordings,
+            source.drives,
+            source.slow,
+            source.anyway,
+            source.without,
+        )
         return hashlib.sha256(f'{code_fingerprint(*_CODE)} {how}'.encode()).hexdigest()[:32]
 
     def opening(self, key: str) -> KeptOpening | None:
@@ -161,7 +169,8 @@ def _of_opening(opening: KeptOpening) -> ArrayFile:
     arrays |= {f'words {name}': words.places for name, words in view.words.items()}
     known = {name: words.texts for name, words in view.words.items()}
     about = {name: getattr(view, name) for name in _TEXTS}
-    described = {'described': opening.recordings, 'sha256': opening.sha256}
+    described: dict[str, Any] = {'described': opening.recordings, 'sha256': opening.sha256}
+    described['left_out'] = [str(span) for span in view.left_out]
     return ArrayFile(arrays, {**about, **described, 'words': known})
 
 
@@ -181,6 +190,7 @@ def _opening(found: ArrayFile) -> KeptOpening:
         },
         content={},
         model=None,
+        left_out=spans_of(about['left_out']),
     )
     return KeptOpening(view, tuple(about['described']), tuple(about['sha256']))
 

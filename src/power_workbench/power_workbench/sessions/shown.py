@@ -25,6 +25,9 @@ class Commands:
         before, step = record.go(index), record.steps[index]
         opened, spec = before.opened, before.spec(self._folder)
         output = self._folder / step.model
+        if step.without:
+            after = record.go(index + 1)
+            return self.compare(after) if after.spec(self._folder) else self.budget(after)
         if step.kind == 'open':
             return _joined('power_recordings info', [*map(shown_path, step.recordings)])
         if step.kind == 'effects':
@@ -87,6 +90,7 @@ class Commands:
         opened, more = record.opened, []
         if opened is not None:
             more += ['--drives', *opened.drives] if opened.drives else []
+            more += ['--without', ','.join(opened.without)] if opened.without else []
             more += ['--slow-meter'] if opened.slow else []
             more += ['--ignore-unit-conflicts'] if opened.anyway else []
         if record.effect_files:

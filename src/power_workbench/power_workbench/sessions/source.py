@@ -27,19 +27,25 @@ class Source:
     drives: tuple[str, ...] = ()
     slow: bool = False
     anyway: bool = False
+    without: tuple[str, ...] = ()  # seconds that are left out
     sha256: tuple[str, ...] = ()  # of the recordings, where they were read before
     effect_files: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, opened: SessionStep, effect_files: Sequence[str] = ()) -> 'Source':
         """Recordings of a step `open`."""
-        how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.sha256)
-        return cls(*how, tuple(effect_files))
+        how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.without)
+        return cls(*how, opened.sha256, tuple(effect_files))
 
     @property
     def unchecked(self) -> 'Source':
         """The same recordings, whatever effects may be run."""
         return replace(self, sha256=(), effect_files=())
+
+    @property
+    def whole(self) -> 'Source':
+        """The same recordings with nothing left out."""
+        return replace(self, without=())
 
     def catalogue(self) -> Catalogue:
         """Shipped effects and the user's own."""

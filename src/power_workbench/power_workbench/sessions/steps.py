@@ -20,10 +20,10 @@ _Names = tuple[Name, ...]
 class SessionStep:
     """One action of the user.
 
-    open: recordings are read; load: a model file; fit: a model of effects from nothing, or on a
-    base; add, remove: effects of the model; effects: a file of the user's own effects, which is
-    run. `model` is the file in the session's folder that the step wrote, `rmse_w` the held-out
-    error by meter that the model had after it.
+    open: recordings are read, less the seconds `without` as commands take them; load: a model
+    file; fit: a model of effects from nothing, or on a base; add, remove: effects of the model;
+    effects: a file of the user's own effects, which is run. `model` is the file in the session's
+    folder that the step wrote, `rmse_w` the held-out error by meter that the model had after it.
     """
 
     kind: Literal['open', 'load', 'fit', 'add', 'remove', 'effects']
@@ -32,6 +32,7 @@ class SessionStep:
     drives: _Names = ()
     slow: bool = False
     anyway: bool = False
+    without: tuple[_Text, ...] = ()
     file: _Text = ''
     effects: _Names = ()
     per: Literal['', 'type', 'drive'] = ''  # '': by type of a fit, else as in the model

@@ -76,13 +76,18 @@ class SessionWorker:
 
     def _read(self, show: Show, source: Source, key: str) -> KeptOpening:
         """Read recordings: a first look at a part of them, all of them, then their quality."""
+        if source.without:
+            whole = self.open(show, source.whole, '')
+            view = self._measured(self._load(show, source))
+            kept = KeptOpening(view, tuple(whole['recordings']), tuple(whole['sha256']))
+            self._cache.keep_opening(key, kept)
+            return kept
         show('progress', 'a first look')
         coarse = coarse_view(source.recordings, source.drives)
         if coarse is not None:
             show('view', coarse)
         loaded = self._load(show, source)
-        own = material(loaded.data, least=LEAST_TO_FIT, window=loaded.window)
-        view = measured_view(loaded, own.prepared)
+        view = self._measured(loaded)
         show('view', view)
         show('progress', 'checking the quality of the recordings')
         described = tuple(described_recording(r) for r in loaded.recordings)
@@ -91,6 +96,11 @@ class SessionWorker:
         self._cache.keep_opening(key, kept)
         self._keep_loaded(source, key)
         return kept
+
+    @staticmethod
+    def _measured(loaded: Loaded) -> PowerView:
+        own = material(loaded.data, least=LEAST_TO_FIT, window=loaded.window)
+        return measured_view(loaded, own.prepared)
 
     def _keep_loaded(self, source: Source, key: str) -> None:
         """Keep the aligned signals, and go on with those of the file, which need less memory."""
@@ -107,7 +117,7 @@ class SessionWorker:
         """The present model on the recordings."""
         loaded = self._load(show, source)
         if not spec:
-            return {'view': measured_view(loaded, material(loaded.data).prepared)}
+            return {'view': self._measured(loaded)}
         return {'view': self._judged(show, source, loaded, spec)}
 
     def shape(
@@ -249,27 +259,27 @@ class SessionWorker:
 
     def _load(self, show: Show, source: Source) -> Loaded:
         with self._reading:
-            if self._loaded is None or self._opened != source.unchecked:
+            if self._loaded is None or self._opened != source.whole.unchecked:
                 self._loaded = self._outcome = self._opened = None
-                loaded = self._cache.loaded(self._cache.key(source))
+                loaded = self._cache.loaded(self._cache.key(source.whole))
                 if loaded is None:
                     show('progress', 'reading the recordings')
                     paths = [Path(path) for path in source.recordings]
                     loaded = load(paths, source.drives, slow=source.slow, anyway=source.anyway)
-                self._loaded, self._opened = loaded, source.unchecked
+                self._loaded, self._opened = loaded, source.whole.unchecked
             known = tuple(one['sha256'] for one in self._loaded.identities)
             if source.sha256 and source.sha256 != known:
                 raise InputError(
                     f'{", ".join(source.recordings)}: these are not the recordings that the '
                     'session was made on (another sha256); open them anew'
                 )
-            return self._loaded
+            return self._loaded.without(source.without)
 
     def _judged(self, show: Show, source: Source, loaded: Loaded, spec: str) -> PowerView:
         show('progress', 'comparing the model with the measurement')
         catalogue = source.catalogue()
         comparison = compare(loaded, [spec], catalogue)
-        return judged_view(comparison, described_model(spec, catalogue))
+        return judged_view(comparison, loaded, described_model(spec, catalogue))
 
     def _made(
         self, loaded: Loaded, catalogue: Catalogue, spec: str, step: SessionStep, name: str

@@ -1,7 +1,7 @@
 """One model on the recordings as arrays that a page is drawn from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.judge.left_out import LeftOut
 from power_estimator.judge.recordings import Loaded
 from power_lab.compare.comparison import Comparison, describe_state
 from power_lab.compare.regimes import standstill
 from power_lab.compare.worst_stretch import worst_stretch
+from wattwalk_core.arrays import Floats
 
 from power_workbench.views.pyramid import Pyramid
 from power_workbench.views.stride import StridePhase, stride_phase
@@ -71,11 +73,35 @@ class PowerView:
     content: Mapping[str, Any]
     model: Mapping[str, Any] | None
     share: float = 1.0  # of the recordings that was read
+    time: Floats = field(default_factory=lambda: np.empty(0))  # s [N], since the first sample
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def length(self) -> int:
         """Slots from the first to the last row."""
         return int(self.slots[-1]) + 1 if len(self.slots) else 0
+
+    def spans(self, start: float, stop: float) -> list[LeftOut]:
+        """Parts of the recordings that are shown from start to stop [s]."""
+        seconds, found = self.slots / REDUCED_RATE, []
+        for number in range(len(self.recordings)):
+            own = (self.recording == number) & (seconds >= start) & (seconds < stop)
+            if own.any() and len(self.time):
+                times = self.time[own].min(), self.time[own].max() + 1.0 / REDUCED_RATE
+                found.append(LeftOut(number, *(round(float(one), 2) for one in times)))
+        return found
+
+    @property
+    def hidden(self) -> list[tuple[float, float]]:
+        """Seconds, as they are shown, between which the recordings are left out."""
+        found = []
+        for span in self.left_out:
+            own = (self.recording == span.recording) & (self.time >= span.start)
+            own &= self.time < span.stop
+            if own.any():
+                slots = self.slots[own]
+                found.append((slots[0] / REDUCED_RATE, (slots[-1] + 1) / REDUCED_RATE))
+        return found
 
     @property
     def seconds(self) -> float:
@@ -134,10 +160,10 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
 def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
     """Recordings without a model."""
     state, words = describe_state(prepared, loaded)
-    return _view(prepared, prepared.power_at(0.0), None, state, words, {}, None)
+    return _view(prepared, loaded, prepared.power_at(0.0), None, state, words, {}, None)
 
 
-def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> PowerView:
+def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]) -> PowerView:
     """Return the first model of a comparison; model: its effects and coefficients in words."""
     judged, content = comparison.models[0], comparison.json()
     shown = {
@@ -148,6 +174,7 @@ def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> PowerView:
     }
     return _view(
         comparison.prepared,
+        loaded,
         judged.measured,
         judged.residual,
         comparison.state,
@@ -159,6 +186,7 @@ def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> PowerView:
 
 def _view(
     prepared: Prepared,
+    loaded: Loaded,
     measured: NDArray[np.float64],
     residual: NDArray[np.float64] | None,
     state: Mapping[str, NDArray[np.float64]],
@@ -166,7 +194,8 @@ def _view(
     content: Mapping[str, Any],
     model: Mapping[str, Any] | None,
 ) -> PowerView:
-    scale = prepared.signals.scale
+    scale, data = prepared.signals.scale, loaded.data
+    first = [data.time[data.recording == one].min() for one in range(len(data.recordings))]
     return PowerView(
         meters=prepared.names,
         drives=prepared.signals.names,
@@ -185,4 +214,6 @@ def _view(
         still=tuple(standstill(scale, drive) for drive in range(len(prepared.signals.names))),
         content=content,
         model=model,
+        time=prepared.time - np.asarray(first)[prepared.recording],
+        left_out=loaded.left_out,
     )

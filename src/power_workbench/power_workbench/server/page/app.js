@@ -54,6 +54,7 @@ const PARTS = [
     if (s.view && s.view.scores) where.update();
     if (turned) window.dispatchEvent(new Event('resize'));
   }],
+  [(s) => [s.view && [s.view.hidden, s.view.share], s.steps, s.at, Boolean(s.job)], (s) => { if (s.view) traces.leftOut(); }],
   [(s) => [s.diagnosis, s.model, s.commands, s.learned, s.effect_files, Boolean(s.job)], () => missing.update()],
   [(s) => [s.diagnosis, s.made, s.commands, Boolean(s.job)], (s) => {
     find('next').hidden = !s.diagnosis || !s.model;

@@ -1,6 +1,6 @@
 // Measured against model over time: one drive or the sum, a navigator, marks and previews.
 
-import { attempt, bench, choices, download, fill, find, get, getArrays, h, settled, watts } from './dom.js';
+import { attempt, bench, choices, command, download, fill, find, get, getArrays, h, post, settled, watts } from './dom.js';
 import { color, draw, on, pictures } from './plot.js';
 import { judged } from './summary.js';
 
@@ -38,7 +38,9 @@ function build() {
       h('button', { type: 'button', onclick: () => marked(span()) }, 'Mark')));
   const legend = h('p', { class: 'faint', id: 'traces-words' });
   const spikes = h('div', { id: 'spikes' });
-  parts = { plot, navigator, drives, from, to, legend, spikes };
+  const framed = h('button', { type: 'button', class: 'work', onclick: () => leaveOut([bench.window]) }, 'Leave the framed seconds out');
+  const hidden = h('div', { id: 'left-out' });
+  parts = { plot, navigator, drives, from, to, legend, spikes, framed, hidden };
   plot.tabIndex = 0;
   plot.addEventListener('keydown', (event) => {
     const work = { ArrowLeft: () => pan(-0.25), ArrowRight: () => pan(0.25), '+': () => zoom(0.5), '-': () => zoom(2), Home: () => setWindow(whole()) }[event.key];
@@ -46,7 +48,22 @@ function build() {
   });
   fill(find('traces-body'), drives, tools, plot, legend,
     h('p', { class: 'faint' }, 'The whole recording: the stronger the colour, the larger the error of that drive. Drag across it to look at a part, press a row to see its drive.'),
-    navigator, spikes, exact);
+    navigator, h('div', { class: 'row' }, framed), hidden, spikes, exact);
+}
+
+const leaveOut = (spans) => attempt(() => post('leave_out', { spans }));
+
+/** Seconds that are left out, how to take them in again, and the command that leaves them out. */
+export function leftOut() {
+  const { state } = bench;
+  const { hidden } = state.view;
+  const coarse = state.view.share < 1;
+  parts.framed.disabled = coarse || Boolean(state.job);
+  for (const button of parts.spikes.querySelectorAll('button.work')) button.disabled = Boolean(state.job);
+  const step = state.steps.slice(0, state.at).findLastIndex((one) => one.kind === 'open');
+  fill(parts.hidden, hidden.length ? [h('p', {}, `Left out of all that is judged, grey in the strip: ${hidden.map(([a, b]) => `${a.toFixed(1)} to ${b.toFixed(1)} s`).join(', ')}. `,
+    h('button', { type: 'button', class: 'work', disabled: Boolean(state.job), onclick: () => attempt(() => post('leave_out', { spans: [] })) }, 'Take them in again')),
+  step >= 0 ? command(state.steps[step].command) : null] : null);
 }
 
 function csv() {
@@ -123,7 +140,8 @@ async function moments() {
   if (drive !== bench.drive) return;
   const each = bench.state.view.by_recording;
   fill(parts.spikes, each.length ? h('p', { class: 'faint' }, `By recording: ${each.map((one) => `${one.name.split('/').pop()} ${watts(one.rmse_w)} rms of ${watts(one.mean_w)}`).join('; ')}.`) : null, found ? [found.spikes ? h('p', {}, found.spikes) : null,
-    h('ul', { class: 'plain' }, found.stretches.map((one) => h('li', {}, h('button', { type: 'button', class: 'link', onclick: () => setWindow([one.start - 1, one.stop + 1]) }, one.words))))] : null);
+    h('ul', { class: 'plain' }, found.stretches.map((one) => h('li', {}, h('button', { type: 'button', class: 'link', onclick: () => setWindow([one.start - 1, one.stop + 1]) }, one.words), ' ',
+      h('button', { type: 'button', class: 'work', disabled: Boolean(bench.state.job), 'aria-label': `Leave ${one.start} to ${one.stop} s out`, onclick: () => leaveOut([[one.start, one.stop]]) }, 'Leave these seconds out'))))] : null);
 }
 
 async function load() {
@@ -209,7 +227,7 @@ function drawStrip() {
     dragmode: 'select', selectdirection: 'h', selections: [], margin: { l: 74, r: 12, t: 4, b: 36 },
     xaxis: { title: { text: 'time in s' }, range: whole(), fixedrange: true },
     yaxis: { fixedrange: true, autorange: 'reversed', type: 'category' },
-    shapes: [{ type: 'rect', xref: 'x', x0: bench.window[0], x1: bench.window[1], yref: 'paper', y0: 0, y1: 1, line: { color: color('text'), width: 2 } }],
+    shapes: [...bench.state.view.hidden.map(([x0, x1]) => ({ type: 'rect', xref: 'x', x0, x1, yref: 'paper', y0: 0, y1: 1, line: { color: color('text'), width: 1, dash: 'dot' }, fillcolor: color('line'), opacity: 0.8, label: { text: 'left out', font: { size: 11, color: color('text') } } })), { type: 'rect', xref: 'x', x0: bench.window[0], x1: bench.window[1], yref: 'paper', y0: 0, y1: 1, line: { color: color('text'), width: 2 } }],
   }]);
   on(parts.navigator, 'plotly_selected', (event) => { if (event && event.range && event.range.x) setWindow(event.range.x); });
   on(parts.navigator, 'plotly_click', (event) => { const name = event.points[0].y; if (name !== bench.drive) setDrive(name); });
