@@ -34,12 +34,13 @@ export function start() {
   const budget = h('div', {}, h('h3', {}, 'Where the power goes'), h('p', { class: 'faint' }, 'Means of the last ten seconds.'), legend, goes,
     h('div', { class: 'row' }, h('label', {}, 'In the battery now ', charge, ' Wh'), hours));
   const bars = h('div', { class: 'plot', id: 'plot-live-bars' });
+  const each = h('div', {}, h('h3', {}, 'Drives'), h('p', { class: 'faint' }, 'Means of the last second.'), bars);
   const heard = h('p', { class: 'faint', id: 'live-heard' });
   const text = h('input', { type: 'text', id: 'live-note', maxlength: 500, 'aria-label': 'Note', placeholder: 'left foot slipped' });
   const kept = h('p', { class: 'faint', id: 'live-kept', role: 'status' });
   const mark = h('form', { class: 'row', onsubmit: note }, text, h('button', { type: 'submit' }, 'Put a note with its time'));
-  parts = { follow, pick, said, body, drives, now, plot, budget, goes, legend, hours, bars, heard, text, kept };
-  fill(body, drives, now, plot, budget, h('h3', {}, 'Drives'), h('p', { class: 'faint' }, 'Means of the last second.'), bars, h('h3', {}, 'Note'), mark, kept, heard);
+  parts = { follow, pick, said, body, drives, now, plot, budget, goes, legend, hours, bars, each, heard, text, kept };
+  fill(body, drives, now, plot, budget, each, h('h3', {}, 'Note'), mark, kept, heard);
   fill(find('live-body'), h('div', { class: 'row' }, follow, h('label', {}, 'beside ', pick)), said, body);
   document.addEventListener('visibilitychange', connect);
   update();
@@ -117,19 +118,22 @@ function latest(index) {
   return [mean(rows.measured[index].slice(from)), mean(rows.estimate[index].slice(from))];
 }
 
+/** Text whose parts between backticks are commands. */
+const coded = (text) => text.split('`').map((part, index) => (index % 2 ? h('code', {}, part) : part));
+
 function changed(node, text) { if (node.textContent !== text) node.textContent = text; }
 
 function render() {
   const said = [...state.said, ...state.faults];
   const shown = [...parts.said.children].map((one) => one.textContent);
   // Seconds that pass are no news to who listens.
-  const plain = (text) => text.replace(/\d+ s\b/, '');
-  if (said.map(plain).join('\n') !== shown.map(plain).join('\n')) fill(parts.said, said.map((text) => h('p', {}, text)));
+  const plain = (text) => text.replace(/\d+ s\b/, '').replaceAll('`', '');
+  if (said.map(plain).join('\n') !== shown.map(plain).join('\n')) fill(parts.said, said.map((text) => h('p', {}, coded(text))));
   changed(parts.heard, `Heard: ${Object.entries(state.heard).filter(([, one]) => one.age != null).map(([topic, one]) => `${topic} ${number(one.rate)} Hz`).join(', ') || 'nothing yet'}.`
     + (state.recorder ? ` Recording to ${state.recorder}.` : ' Nothing is recorded.'));
   if (performance.now() > accounted + 1000) goes();
   const none = !rows.t.length;
-  for (const node of [parts.drives, parts.now, parts.plot, parts.bars]) node.hidden = none;
+  for (const node of [parts.drives, parts.now, parts.plot, parts.each]) node.hidden = none;
   if (none) return;
   if (!rows.names.includes(drive)) drive = SUM;
   if (parts.drives.dataset.names !== rows.names.join(' ')) {
