@@ -79,7 +79,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         os.environ['WATTWALK_INDEX'] = str(Path(place) / 'cache' / 'recordings.sqlite3')
         bag = options.bag or _walk(Path(place))
-        table = WorkbenchFigures(f'{bag.name}: {_size(bag) / 1e6:.0f} MB')
+        size = sum(file.stat().st_size for file in bag.iterdir())
+        table = WorkbenchFigures(f'{bag.name}: {size / 1e6:.0f} MB')
         with _bench(Path(place), bag) as (browser, address, process):
             _first(browser, address, bag, table)
             page = _again(browser, address, bag, table)
@@ -118,10 +119,6 @@ def _walk(folder: Path) -> Path:
     from sim_bridge.offline.run import run_offline
 
     return run_offline(folder / 'walk', duration=600.0, seed=5, progress=True)
-
-
-def _size(bag: Path) -> int:
-    return sum(file.stat().st_size for file in bag.iterdir())
 
 
 @contextmanager

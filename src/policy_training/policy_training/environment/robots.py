@@ -190,12 +190,6 @@ class Robots:
         self.substeps: list[Substep] = []
         batch.reset(keyframe=0)
 
-    @property
-    def base_position(self) -> Floats:
-        """Positions of the bases in the world, m [N, 3]."""
-        position: Floats = self._qpos[:, :3]
-        return position
-
     def start(self, ids: NDArray[np.intp]) -> None:
         """Place the robots of these indices at random, standing or moving in a random pose."""
         random, spread, count = self._random, self._spread, len(ids)

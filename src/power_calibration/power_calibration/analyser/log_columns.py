@@ -32,7 +32,7 @@ def read_columns(
         for name, is_time in zip(names, (True, *(False for _ in names[1:])), strict=True)
     ]
     rows = np.column_stack(columns)
-    if any(_is_clock(block.values[names[0]]) for block in blocks):
+    if any(_CLOCK.match(_sample(block.values[names[0]])) for block in blocks):
         rows[1:, 0] += 86_400 * np.cumsum(np.diff(rows[:, 0]) < -43_200)
     return rows, tuple(note for block in blocks for note in block.notes)
 
@@ -57,10 +57,6 @@ def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
 def _sample(values: NDArray[np.generic]) -> str:
     """First text of a column, '' for one of numbers."""
     return next((text for text in values if text), '') if values.dtype.kind == 'O' else ''
-
-
-def _is_clock(values: NDArray[np.generic]) -> bool:
-    return bool(_CLOCK.match(_sample(values)))
 
 
 def _number(text: str | None) -> float:

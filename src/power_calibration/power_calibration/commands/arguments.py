@@ -57,13 +57,7 @@ def calibrate(parser: ArgumentParser, args: Arguments) -> Namespace:
         metavar='YAML',
         help='keep its other channels; if it was applied to the recording, the two are combined',
     )
-    add('--json', type=Path, metavar='F', help='results as JSON')
-    add(
-        '--report',
-        type=ending('--report', '.html', *PICTURES),
-        metavar='F',
-        help='page (.html) or picture (.png, .svg, .pdf)',
-    )
+    _add_results(parser)
     options = parser.parse_args(own_arguments(args))
     if not options.reference.is_file():
         raise InputError(f'cannot read {options.reference}: there is no such file')
@@ -88,11 +82,15 @@ def sync(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('recording', type=Path, metavar='BAG')
     add('--drives', nargs='+', metavar='NAME', help='only these')
-    add('--json', type=Path, metavar='F', help='results as JSON')
-    add(
+    _add_results(parser)
+    return parser.parse_args(own_arguments(args))
+
+
+def _add_results(parser: ArgumentParser) -> None:
+    parser.add_argument('--json', type=Path, metavar='F', help='results as JSON')
+    parser.add_argument(
         '--report',
         type=ending('--report', '.html', *PICTURES),
         metavar='F',
         help='page (.html) or picture (.png, .svg, .pdf)',
     )
-    return parser.parse_args(own_arguments(args))

@@ -1,6 +1,6 @@
 """Synchronisation of a recording: delays, step responses, stamps and the device's clock."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -263,12 +263,11 @@ def _delay(found: Delay) -> dict[str, Any]:
         'r2': found.r2,
         'power_std_w': found.power,
         'seconds': found.seconds,
-        'error_by_shift': {f'{s:g}': _pair(found.error_at(s)) for s in SHIFTS_SHOWN},
+        'error_by_shift': {
+            f'{shift:g}': dict(zip(('w', 'percent'), found.error_at(shift), strict=True))
+            for shift in SHIFTS_SHOWN
+        },
     }
-
-
-def _pair(error: tuple[float, float]) -> Mapping[str, float]:
-    return {'w': error[0], 'percent': error[1]}
 
 
 def _answer(found: StepResponse) -> dict[str, Any]:

@@ -65,9 +65,6 @@ def run(options: argparse.Namespace) -> int:
         print('\n'.join(one.lines()))
     for note in notes(lab.judge.prepared):
         print(note)
-    print(f'wrote {options.output}; held-out error: ' + _errors(rmse))
+    errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())
+    print(f'wrote {options.output}; held-out error: {errors}')
     return 0
-
-
-def _errors(rmse: dict[str, float]) -> str:
-    return ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())

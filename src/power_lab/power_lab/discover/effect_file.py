@@ -154,16 +154,11 @@ def _without_unused(text: str) -> str:
     for name in ('torque', 'velocity', 'standstill'):
         uses = [line for line in kept if f'            {name} = ' not in line]
         body = '\n'.join(uses[uses.index(next(x for x in uses if 'enumerate' in x)) :])
-        names = {
-            node.id for node in ast.walk(ast.parse(_dedented(body))) if isinstance(node, ast.Name)
-        }
+        nodes = ast.walk(ast.parse('def f():\n' + body))
+        names = {node.id for node in nodes if isinstance(node, ast.Name)}
         if name not in names:
             kept = uses
     return '\n'.join(kept)
-
-
-def _dedented(body: str) -> str:
-    return 'def f():\n' + body
 
 
 def _says(one: Written) -> str:

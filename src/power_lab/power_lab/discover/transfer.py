@@ -33,12 +33,6 @@ class Transfer:
     measured: Floats  # W [N, d]
     residuals: tuple[Floats, Floats]  # W [N, d], without and with it
 
-    @property
-    def fall(self) -> float:
-        """Share of the error that it takes off, over its drives."""
-        before, after = (float(np.sqrt(np.mean(np.square(x)))) for x in (self.before, self.after))
-        return 1.0 - after / max(before, 1e-9)
-
 
 class OtherRecording:
     """Another recording of the robot, on which models fitted to the first are judged."""

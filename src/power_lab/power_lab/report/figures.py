@@ -13,7 +13,6 @@ from power_lab.compare.worst_stretch import worst_stretch
 
 Floats = NDArray[np.float64]
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
-_RATE = 50.0  # Hz
 _MAP_BINS = 22
 
 

@@ -31,7 +31,7 @@ class InTime:
 
 def course_effect(name: str, courses: Mapping[str, tuple[float, int]]) -> Effect:
     """Power that follows the time of the recording alone; for fits beside it, never for a file."""
-    count = max(_width(period, knots) for period, knots in courses.values())
+    count = max(2 * _HARMONICS if period else knots for period, knots in courses.values())
 
     def regressors(signals: Signals, **_: float) -> Floats:
         out = np.zeros((*signals.torque.shape, count))
@@ -50,10 +50,6 @@ def course_effect(name: str, courses: Mapping[str, tuple[float, int]]) -> Effect
         kind='measurement',
         per_drive=True,
     )
-
-
-def _width(period: float, knots: int) -> int:
-    return 2 * _HARMONICS if period else knots
 
 
 def course(time: Floats, recording: NDArray[np.int32], period: float, knots: int) -> Floats:

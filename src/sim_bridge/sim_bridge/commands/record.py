@@ -67,7 +67,8 @@ def record(
     if not _SHORTEST <= seconds <= _LONGEST:
         raise InputError(f'--seconds is {seconds:g}; it must lie in {_SHORTEST:g}..{_LONGEST:g}')
     bag = folder / plan.name
-    wanted = {'plan': _content(plan), 'seconds': seconds, 'plant': plant}
+    content = {**asdict(plan), 'drives': list(plan.drives)}
+    wanted = {'plan': content, 'seconds': seconds, 'plant': plant}
     if (bag / FILE).exists():
         found = Card.load(bag).other
         for key in wanted if 'plan' in found else ():
@@ -95,10 +96,6 @@ def record(
     card = Card.load(bag)
     replace(card, other={**card.other, **wanted}).save(bag)
     return True
-
-
-def _content(plan: RecordingPlan) -> dict[str, object]:
-    return {**asdict(plan), 'drives': list(plan.drives)}
 
 
 def _age(options: argparse.Namespace) -> int:

@@ -288,10 +288,6 @@ class EffectModel:
             for active in self.structure.free
         }
 
-    def renamed(self, name: str) -> 'EffectModel':
-        """Return the model under another name."""
-        return replace(self, name=name)
-
     def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
         """Return the model with these entries as its history."""
         return replace(self, history=tuple(entries))
