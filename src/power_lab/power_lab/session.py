@@ -132,7 +132,9 @@ class Session:
         how: dict[str, Any] = {'changes': changes, 'battery': battery, 'seed': seed}
         if self.given is None:
             some = Session(judge_of_pieces(self.judge))
-            model = some.fit(chosen_effects(some.judge), name='chosen', seed=seed).effects
+            # Its intervals are not asked for: the budget draws its own on these recordings.
+            best: dict[str, Any] = {'name': 'chosen', 'seed': seed, 'intervals': False}
+            model = some.fit(chosen_effects(some.judge), **best).effects
             error = float(np.sqrt(np.mean(np.square([*model.history[-1]['rmse_w'].values()]))))
             del some  # what it keeps of the signals is large
             return budget(self.judge, model, chosen=True, error_w=error, **how)

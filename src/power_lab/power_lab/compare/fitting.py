@@ -23,8 +23,12 @@ def fitted(
     per: str = 'type',
     seed: int = 0,
     prior: Prior | None = None,
+    intervals: bool = True,
 ) -> EffectModel:
-    """A model of effects with its held-out error as the beginning of its history."""
+    """A model of effects with its held-out error as the beginning of its history.
+
+    intervals: by the posterior, which takes most of the time.
+    """
     under = judge.base(base)
     names = {active.name for active in effects}
     material = judge.material(under, per)
@@ -38,7 +42,7 @@ def fitted(
         seed=seed,
         prior={name: own for name, own in (prior or {}).items() if name in names},
     )
-    if not model.prior:  # which the posterior does not know
+    if intervals and not model.prior:  # which the posterior does not know
         judged_on = material.at_most(MOST_SECONDS)
         model = with_intervals(model, judged_on.prepared, judged_on.base_power)
     model = on_base(model, under)
