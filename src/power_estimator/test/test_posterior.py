@@ -12,11 +12,11 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
-from power_estimator.posterior.odds import tempered
+from power_estimator.posterior.odds import prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
-from power_estimator.posterior.stand_ins import Against, InSet
+from power_estimator.posterior.stand_ins import Evidence, InSet, StandIn
 from power_estimator.posterior.summary import by_cause
 from scipy.special import expit
 
@@ -195,10 +195,21 @@ def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does(
 
 
 def test_effects_that_stand_for_each_other_share_the_probability_of_both():
-    alike = Against((1,), 1, before=0.0, after=-50.0, ratio=0.01)  # the other fits better
-    none = Against((), None, before=-1.0, after=200.0, ratio=10.0)
-    found = InSet(0, (none, alike))
+    shows = Evidence(before=-1.0, after=200.0, ratio=10.0)
+    alike = StandIn(1, (1,), Evidence(before=0.0, after=-50.0, ratio=0.01), shows)
+    found = InSet(0, shows, (alike,))
     assert expit(found.log_odds) == pytest.approx(0.5, abs=0.02)
     assert found.probability(alike) == pytest.approx(0.5, abs=0.02)
-    apart = InSet(0, (none, Against((1,), 1, before=0.0, after=50.0, ratio=5.0)))
-    assert expit(apart.log_odds) > 0.99
+    apart = StandIn(1, (1,), Evidence(before=0.0, after=50.0, ratio=5.0), shows)
+    assert expit(InSet(0, shows, (apart,)).log_odds) > 0.99
+
+
+def test_an_effect_in_the_place_of_another_counts_no_more_than_its_own_evidence():
+    shows = Evidence(before=-1.0, after=200.0, ratio=10.0)  # nobody doubts that something is there
+    nothing = Evidence(before=-1.0, after=-3.0, ratio=0.1)  # and the other explains none of it
+    alike = StandIn(1, (1,), Evidence(before=0.0, after=203.0, ratio=0.01), nothing)
+    assert expit(InSet(0, shows, (alike,)).log_odds) > 0.99
+
+
+def test_a_winding_that_was_seen_to_warm_has_a_loss_that_warms():
+    assert prior_of('winding_heating', warms=True) == 0.9 > 3 * prior_of('winding_heating')

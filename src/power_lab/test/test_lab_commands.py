@@ -214,7 +214,7 @@ def test_a_recording_too_short_or_too_still_says_what_is_missing(tmp_path, capsy
     assert fit_command([str(argument) for argument in arguments]) == 0
     assert '5.5 s are little: believe the intervals' in capsys.readouterr().out
     again = [short, '--model', tmp_path / 'm.yaml']
-    assert 'record 20 s or more' in fails(capsys, diagnose_command, again)
+    assert 'record 8 s or more' in fails(capsys, diagnose_command, again)
     still = run_offline(
         tmp_path / 'still', duration=25.0, seed=1, controller='stand', drives=('LF_HAA',)
     )

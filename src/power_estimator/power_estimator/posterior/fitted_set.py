@@ -12,7 +12,7 @@ from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution,
 from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
 from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
 
-_ITERATIONS = 4
+_ITERATIONS = 6
 _SETTLED = 1.0  # nats
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
@@ -70,11 +70,12 @@ def fit_set(
 ) -> FittedSet:
     """Fit a set of effects, each time linearised about the last, until its evidence stands still.
 
-    A step after which there is less evidence than before is halved.
+    What counts is the last step: a point that is not its own solution may have more evidence,
+    since large coefficients may depart further from their formulas. A step after which there is
+    less evidence than before is halved.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
-    before, values = np.zeros(len(signed)), np.zeros(len(signed))
     found: FittedSet | None = None
     for _ in range(_ITERATIONS):
         columns = meter.columns(actives, point)
@@ -83,22 +84,16 @@ def fit_set(
         evidence = float(
             logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
         )
-        if found is not None and evidence < found.evidence:
-            values = 0.5 * (before + values)
-            point = {active.name: (active, values[columns.places(active)]) for active in actives}
-            continue
-        settled = found is not None and evidence < found.evidence + _SETTLED
+        last = found
         if len(point) == len(actives):  # before that, departures of some are not there yet
             found = FittedSet(evidence, point, place)
-        if settled:
+        if last is not None and abs(evidence - last.evidence) < _SETTLED:
             break
         best = solutions[int(np.argmax(logs))].solution
-        before = np.zeros(len(signed))
-        for active in actives:
-            if active.name in point:
-                before[columns.places(active)] = point[active.name][1]
         values = best.mean[: len(signed)] * columns.watts
         values = np.where(signed, np.maximum(values, 0.0), values)
+        if last is not None and evidence < last.evidence:
+            values = 0.5 * (values + np.concatenate([point[a.name][1] for a in actives]))
         point = {active.name: (active, values[columns.places(active)]) for active in actives}
     assert found is not None
     return found

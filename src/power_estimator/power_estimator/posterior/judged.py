@@ -14,7 +14,7 @@ from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
-from power_estimator.posterior.odds import prior_odds, tempered
+from power_estimator.posterior.odds import seen_to_warm, tempered
 from power_estimator.posterior.priors import NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import Chosen, EffectSearch
@@ -81,13 +81,17 @@ def judged_effects(
     prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
     signals = prepared.signals
     names = {active.name.partition('@')[0] for active in known}
+    warms = seen_to_warm(signals)
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
         if effect.name not in names and effect.fixed is None
         for shape in effect.shapes_of(signals.scale)
         # Iron loss whose current heats the winding is friction by another name.
-        if effect.usable(signals, **shape) and not shape.get('carried')
+        if effect.usable(signals, **shape)
+        and not shape.get('carried')
+        # A temperature that was seen to move much needs no model of the heat.
+        and not (warms and effect.name == 'winding_heating' and shape.get('time_constant'))
     ]
     search = EffectSearch(prepared, known, lacking, base)
     chosen = search.run()
@@ -121,15 +125,16 @@ def _candidates(
         name = search.names[one.place]
         levels = [np.quantile(own.explains[name], [0.025, 0.5, 0.975]) for own in meters]
         found.append((one.place, _rms_levels(levels), float(expit(one.log_odds))))
-        for other in one.others:
-            if other.instead is not None:
-                own = search.names[other.instead]
-                instead[own] = max(instead.get(own, 0.0), one.probability(other))
+        for other in one.stand_ins:
+            own = search.names[other.effect]
+            instead[own] = max(instead.get(own, 0.0), one.probability(other))
     misses = sum(explains[1] ** 2 for _, explains, _ in found) + left**2
     sizes = np.array([max(meters[d].discrepancy_w, 1e-12) for d in search.searched])
     for name, beside in all_beside(search, chosen).items():
         ratio = ratio_of(beside.explains[:, 1], sizes)
-        log = tempered(prior_odds(name), search.odds_beside(name, chosen, beside.gain), ratio)
+        log = tempered(
+            search.prior_odds(name), search.odds_beside(name, chosen, beside.gain), ratio
+        )
         probability = max(float(expit(log)), instead.get(name, 0.0))
         found.append((beside.place, _rms_levels(beside.explains), probability))
     out = [
@@ -174,7 +179,7 @@ def _scales(
     """Probability that each scale is off, over the best set and those that may be in its place."""
     weights, found = [1.0], [_scales_of(search, meters)]
     for one in in_set:
-        for other in one.others:
+        for other in one.stand_ins:
             weight = one.probability(other)
             if weight >= _WEIGHS:
                 own = [search.actives[i] for i in other.chosen]

@@ -161,8 +161,9 @@ class MeterProblem:
         s = at.signals
         slope = s.motor_velocity + s.torque_cost
         power = self.summed(at.power[..., None])[:, 0]
-        sensors = sensor_columns(self.summed, at.power, s, slope)
-        powers = self._by_kind(point, s, slope)
+        metered = self._metered_share(power)
+        sensors = sensor_columns(self.summed, metered * at.power, s, metered * slope)
+        powers = {kind: metered * own for kind, own in self._by_kind(point, s, slope).items()}
         departures, labels, at_one = self._departures(powers)
         keys = {active.key for active in actives}
         absent = [own for key, own in self.absent.items() if key not in keys]
@@ -177,7 +178,7 @@ class MeterProblem:
                 causes += [f'departures of {" and ".join(kinds)}'] * bent.shape[1]
         smooth += absent
         nuisance = np.concatenate([sensors, departures], axis=1)
-        scaled = self.rms / size
+        scaled = self._sizes(actives, point, raw) / size
         return EffectColumns(
             tuple(actives),
             joined * scaled,
@@ -189,6 +190,29 @@ class MeterProblem:
             _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
             (*labels, *causes),
         )
+
+    def _metered_share(self, power: Floats) -> float:
+        """Factor that makes a point's power [N] no larger than what was metered.
+
+        Else a point that is far off would have errors of sensors and departures as large as itself
+        for the same price, and stay far off.
+        """
+        shown, power = self.power()[self.used], power[self.used]
+        return float(np.clip(shown @ power / max(power @ power, 1e-12), 0.0, 1.0))
+
+    def _sizes(self, actives: Sequence[Active], point: Point, raw: Sequence[Floats]) -> Floats:
+        """Watts of one unit of prior spread [n]: the rms power, of heating the copper loss."""
+        sizes = np.full(sum(own.shape[1] for own in raw), self.rms)
+        copper = [
+            own[self.used] @ point[a.name][1]
+            for a, own in zip(actives, raw, strict=True)
+            if a.name == 'copper_loss' and a.name in point
+        ]
+        if copper:
+            warm = float(np.sqrt(np.mean(np.square(copper))))
+            heats = [a.name == 'winding_heating' for a in actives for _ in a.effect.terms]
+            sizes[heats] = np.clip(warm, SPIKE * self.rms, self.rms)
+        return sizes
 
     def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
         """Power of the shaft and of each kind of effect at a point, W [T, D]."""

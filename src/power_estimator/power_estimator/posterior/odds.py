@@ -3,17 +3,35 @@
 import numpy as np
 from scipy.special import logit
 
-from power_estimator.posterior.priors import MIMICS, MISSING, NAMED, OF_USERS, TOLD_APART
+from power_estimator.effects import Signals
+from power_estimator.effects.library.winding import COPPER
+from power_estimator.posterior.priors import (
+    MIMICS,
+    MISSING,
+    NAMED,
+    OF_USERS,
+    SHOWS,
+    TOLD_APART,
+    USUAL,
+    WARMING,
+)
 
 
-def prior_of(name: str) -> float:
-    """Probability that a model without an effect lacks it, before the recording."""
-    return MISSING.get(name.partition('@')[0], OF_USERS)
+def prior_of(name: str, *, warms: bool = False) -> float:
+    """Probability that a model without an effect lacks it, before the recording.
+
+    warms: a winding's temperature was seen to move so far that its loss has to show it.
+    """
+    plain = name.partition('@')[0]
+    if warms and plain == 'winding_heating':
+        return WARMING
+    return MISSING.get(plain, OF_USERS)
 
 
-def prior_odds(name: str) -> float:
-    """Log odds that a model without an effect lacks it, before the recording."""
-    return float(logit(prior_of(name)))
+def seen_to_warm(signals: Signals) -> bool:
+    """Return whether the temperature of a winding moved so far that its resistance shows it."""
+    seen = signals.temperature[:, np.isfinite(signals.temperature).all(axis=0)]
+    return float(np.ptp(seen, axis=0).max(initial=0.0)) * COPPER >= SHOWS
 
 
 def tempered(before: float, after: float, ratio: float) -> float:
@@ -27,6 +45,5 @@ def tempered(before: float, after: float, ratio: float) -> float:
     if after <= before:
         return after
     counts = ratio**2 / (ratio**2 + MIMICS**2)
-    found = before + counts * (after - before)
-    most = logit(NAMED) + 2.0 * np.log(max(ratio, 1e-9) / TOLD_APART)
-    return max(before, -float(np.logaddexp(-found, -most)))
+    most = logit(NAMED) - logit(USUAL) + 2.0 * np.log(max(ratio, 1e-9) / TOLD_APART)
+    return before + max(0.0, -float(np.logaddexp(-counts * (after - before), -most)))

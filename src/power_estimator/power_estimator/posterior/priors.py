@@ -24,6 +24,12 @@ MISSING: Final[Mapping[str, float]] = {
     'field_weakening': 0.05,
 }
 """Prior probability that drives of a model without the effect have it to a degree that shows."""
+USUAL: Final = 0.25
+"""The same of an effect that is neither usual nor rare."""
+SHOWS: Final = 0.1
+"""Change of a winding's resistance, by a temperature that was measured, that should show."""
+WARMING: Final = 0.9
+"""Prior probability that such a winding's loss does: the sensor may be elsewhere."""
 OF_USERS: Final = 0.15  # the same of an effect that users wrote
 SIZES: Final = np.array([0.02, 0.1, 0.5, 2.0])
 """Prior spread of an effect's watts, of the rms power: any of these."""
@@ -64,6 +70,7 @@ DEPARTURES: Final[Mapping[str, tuple[float, ...]]] = {
 """Spreads, by FORMS: exponents of speed and load, and shares of the effect's own power."""
 ALIKE: Final = 0.5  # share of a formula's error that drives of one robot have in common
 BLOCK: Final = 2.0  # s
+LEAST_SECONDS: Final = 4 * BLOCK  # to judge: the noise's weights are those of blocks
 SEARCHED: Final = 6  # drives of a robot on which sets are searched; the others take the best
 TRIED: Final = 3  # sets of one effect more that are judged at their own point
 WORTH: Final = 0.5  # nats, of a further effect
@@ -78,7 +85,7 @@ that explains less.
 """
 TOLD_APART: Final = 0.5
 """
-The same size from which an effect is named, however long the recording is.
+The same size from which an effect of usual prior is named, however long the recording is.
 
 With 0.25 and MIMICS of 0.5, 2 of 16 names were false on 27 recordings of the blind benchmark's
 seed 0, with these none of 11 (docs/results/reliability.md).

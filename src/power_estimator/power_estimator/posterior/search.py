@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.drive_types import assign, infer_types
@@ -13,7 +13,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
-from power_estimator.posterior.odds import prior_of
+from power_estimator.posterior.odds import prior_of, seen_to_warm
 from power_estimator.posterior.priors import (
     ALIKE,
     KNOWN_SIZE,
@@ -53,6 +53,8 @@ class EffectSearch:
         self.known = tuple(active.name for active in free)
         self.actives = (*free, *candidates)
         self.names = [active.name for active in self.actives]
+        warms = seen_to_warm(prepared.signals)
+        self.prior = {name: prior_of(name, warms=warms) for name in self.names}
         self.shapes = {name: self.names.count(name) for name in self.names}
         self.base: Chosen = tuple(range(len(free)))
         self.points: list[Point] = [{} for _ in self.meters]
@@ -105,6 +107,10 @@ class EffectSearch:
 
         return for_each(point, range(len(self.problems)))
 
+    def prior_odds(self, name: str) -> float:
+        """Log odds that the model lacks an effect, before the recording."""
+        return float(logit(self.prior[name]))
+
     def log_odds(self, name: str) -> float:
         """Log odds of sets with an effect over sets without it, of those that were judged."""
         with_: list[float] = []
@@ -133,7 +139,7 @@ class EffectSearch:
         own = self.names_of(chosen)
         total = 0.0
         for name in set(self.names) - set(self.known):
-            chance = prior_of(name)
+            chance = self.prior[name]
             total += float(
                 np.log(chance / self.shapes[name]) if name in own else np.log(1.0 - chance)
             )
@@ -144,11 +150,19 @@ class EffectSearch:
         key = tuple(sorted(chosen))
         if key not in self.judged:
             own = [self.actives[i] for i in key]
-            self.judged[key] = for_each(
-                lambda m: fit_set(self.meters[m], own, self.known, self._start(m, own)),
-                range(len(self.meters)),
-            )
+            self.judged[key] = for_each(lambda m: self._fitted(m, own), range(len(self.meters)))
         return self.judged[key]
+
+    def _fitted(self, m: int, actives: Sequence[Active]) -> FittedSet:
+        """Return a set fitted to a meter, of a first new effect from two starts.
+
+        The model's own point is far off where what it lacks is large.
+        """
+        starts = [self._start(m, actives)]
+        if len(actives) == len(self.base) + 1 and starts[0]:
+            starts.append({})
+        fitted = [fit_set(self.meters[m], actives, self.known, start) for start in starts]
+        return max(fitted, key=lambda one: one.evidence)
 
     def _start(self, m: int, actives: Sequence[Active]) -> Point:
         """Coefficients of a set as linearised about the current point of a meter."""

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
-from power_estimator.posterior.odds import prior_odds, tempered
+from power_estimator.posterior.meter import apart
+from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import MIMICS
 from power_estimator.posterior.search import Chosen, EffectSearch
 from power_estimator.posterior.sensors import SCALES
@@ -19,21 +20,34 @@ _MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
 
 
 @dataclass(frozen=True)
-class Against:
-    """An effect of the most probable set against none, or against another in its place."""
+class Evidence:
+    """Evidence for an effect over none, or over another."""
 
-    chosen: Chosen  # the other set
-    instead: int | None  # the other effect
     before: float  # log odds that were known
-    after: float  # log odds by the evidence
-    ratio: float  # what the effect explains that the other can't, over the discrepancy
+    after: float  # log odds by the recording
+    ratio: float  # what the effect explains that the others can't, over the discrepancy
 
     @property
-    def log_odds(self) -> float:
-        """Log odds of the effect."""
-        if self.instead is not None and self.after < self.before:  # evidence for the other
-            return -tempered(-self.before, -self.after, self.ratio)
+    def over_none(self) -> float:
+        """Log odds as far as the evidence counts; against the effect it counts whole."""
         return tempered(self.before, self.after, self.ratio)
+
+    @property
+    def over_other(self) -> float:
+        """The same, where evidence against the effect is evidence for another."""
+        if self.after < self.before:
+            return -tempered(-self.before, -self.after, self.ratio)
+        return self.over_none
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """Another effect in the place of one of the most probable set."""
+
+    effect: int
+    chosen: Chosen  # the set with it
+    against: Evidence  # for the effect of the set over this one
+    alone: Evidence  # for this one over neither
 
 
 @dataclass(frozen=True)
@@ -41,17 +55,24 @@ class InSet:
     """An effect of the most probable set with all that may stand in its place."""
 
     place: int
-    others: tuple[Against, ...]
+    none: Evidence  # for the effect over none
+    stand_ins: tuple[StandIn, ...]
 
     @property
     def log_odds(self) -> float:
         """Log odds that it is missing."""
-        return -float(logsumexp([-one.log_odds for one in self.others]))
+        against = [self.none.over_none, *map(self._over, self.stand_ins)]
+        return -float(logsumexp([-one for one in against]))
 
-    def probability(self, other: Against) -> float:
+    def probability(self, other: StandIn) -> float:
         """Probability of the other in its place."""
-        total = float(logsumexp([0.0, *(-one.log_odds for one in self.others)]))
-        return float(np.exp(-other.log_odds - total))
+        total = float(logsumexp([0.0, -self.log_odds]))
+        return float(np.exp(-self._over(other) - total))
+
+    def _over(self, other: StandIn) -> float:
+        """Log odds over another, which gains no more on none of them than its own evidence."""
+        least = self.none.over_none - other.alone.over_none
+        return max(other.against.over_other, least)
 
 
 def judged_set(
@@ -70,8 +91,8 @@ def judged_set(
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
         own = np.array([float(np.median(one.explains[name])) for one in summaries])
-        before = prior_odds(name)
-        none = Against(fewer, None, before, here - search.score(fewer), ratio_of(own, left))
+        before = search.prior_odds(name)
+        none = Evidence(before, here - search.score(fewer), ratio_of(own, left))
         screened = search.screened(search.swaps(chosen, place), chosen)
         best: dict[str, tuple[float, int, Chosen]] = {}
         for each, score in screened.items():
@@ -79,18 +100,37 @@ def judged_set(
             last = best.get(search.names[new])
             if last is None or score > last[0]:
                 best[search.names[new]] = score, new, each
-        others = [
-            Against(
-                each,
-                new,
-                before - prior_odds(search.names[new]),
-                here - search.score(each),
-                ratio_of(_apart_w(search, chosen, place, new, left), left),
+        stand_ins = []
+        for _, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
+            other = search.prior_odds(search.names[new])
+            apart_w = _apart_w(search, chosen, place, new, left)
+            stand_ins.append(
+                StandIn(
+                    new,
+                    each,
+                    Evidence(before - other, here - search.score(each), ratio_of(apart_w, left)),
+                    Evidence(
+                        other,
+                        search.score(each) - search.score(fewer),
+                        ratio_of(_explained_w(search, each, new), left),
+                    ),
+                )
             )
-            for _, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]
-        ]
-        out.append(InSet(place, (none, *others)))
+        out.append(InSet(place, none, tuple(stand_ins)))
     return out
+
+
+def _explained_w(search: EffectSearch, chosen: Chosen, place: int) -> Floats:
+    """W rms of an effect of a set that known effects and the gain can't take over, by meter [M]."""
+    actives, name = [search.actives[i] for i in chosen], search.names[place]
+    sizes = []
+    for meter, fitted in zip(search.meters, search.at(chosen), strict=True):
+        columns = meter.columns(actives, fitted.point)
+        active, values = fitted.point[name]
+        places = columns.places(active)
+        own = apart(columns, meter.used, places, search.known)[meter.used]
+        sizes.append(rms(own @ (values / columns.watts[places])))
+    return np.array(sizes)
 
 
 def ratio_of(own: Floats, left: Floats) -> float:

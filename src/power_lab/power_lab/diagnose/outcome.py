@@ -10,12 +10,12 @@ from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.effects.training import LEAST_SECONDS, material
+from power_estimator.effects.training import material
 from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.model import PowerModel
-from power_estimator.posterior.priors import MOST_SECONDS
+from power_estimator.posterior.priors import LEAST_SECONDS, MOST_SECONDS
 
 from power_lab.compare.notes import notes
 from power_lab.diagnose.diagnosis import diagnosed
