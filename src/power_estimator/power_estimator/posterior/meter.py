@@ -18,6 +18,7 @@ from power_estimator.effects.signals.state import OtherDrives
 from power_estimator.posterior.discrepancy import Features, fourier, smooth_features
 from power_estimator.posterior.gaussian import NormalEquations, Weighed, marginalised
 from power_estimator.posterior.priors import (
+    BAD_CABLE,
     BLOCK,
     DEPARTING,
     DEPARTURES,
@@ -202,7 +203,8 @@ class MeterProblem:
 
     def _sizes(self, actives: Sequence[Active], point: Point, raw: Sequence[Floats]) -> Floats:
         """Watts of one unit of prior spread [n]: the rms power, of heating the copper loss."""
-        sizes = np.full(sum(own.shape[1] for own in raw), self.rms)
+        names = np.array([a.name for a in actives for _ in a.effect.terms])
+        sizes = np.where(names == 'line_resistance', BAD_CABLE, 1.0) * self.rms
         copper = [
             own[self.used] @ point[a.name][1]
             for a, own in zip(actives, raw, strict=True)
@@ -210,8 +212,7 @@ class MeterProblem:
         ]
         if copper:
             warm = float(np.sqrt(np.mean(np.square(copper))))
-            heats = [a.name == 'winding_heating' for a in actives for _ in a.effect.terms]
-            sizes[heats] = np.clip(warm, SPIKE * self.rms, self.rms)
+            sizes[names == 'winding_heating'] = np.clip(warm, SPIKE * self.rms, self.rms)
         return sizes
 
     def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
@@ -281,7 +282,8 @@ class MeterProblem:
         bread = np.einsum('ij,ji->i', inverse, gram / variance)[:count].sum()
         everywhere = np.zeros(len(self.used))
         everywhere[rows] = weights
-        self.noise = Noise(variance, everywhere, max(1.0, float(meat / max(bread, 1e-12))))
+        tempering = max(self._overlapping(), float(meat / max(bread, 1e-12)))
+        self.noise = Noise(variance, everywhere, tempering)
         counts = Counter(active.name for active in columns.actives for _ in active.effect.terms)
         self.absent = {
             active.key: columns.effects[:, columns.places(active)]
@@ -289,6 +291,13 @@ class MeterProblem:
             for active in columns.actives
             if active.name not in known
         }
+
+    def _overlapping(self) -> float:
+        """Rows whose windows overlap, of a slow meter; 1 of all others."""
+        window = self.prepared.reducer.window
+        if not window:
+            return 1.0
+        return max(1.0, window / float(np.median(np.diff(self.prepared.time))))
 
     def weighed(self, columns: EffectColumns) -> Weighed:
         """Weighted products of all columns with one another and with the power."""

@@ -33,6 +33,7 @@ WARMING: Final = 0.9
 OF_USERS: Final = 0.15  # the same of an effect that users wrote
 SIZES: Final = np.array([0.02, 0.1, 0.5, 2.0])
 """Prior spread of an effect's watts, of the rms power: any of these."""
+BAD_CABLE: Final = 0.1  # of the power, that a line loses: by this much its sizes are smaller
 KNOWN_SIZE: Final = 4.0  # that of effects that the model has: as good as flat
 SPIKE: Final = 0.003  # of the rms power, explained by an effect that counts as absent
 DISCREPANCY: Final = np.array([2e-3, 1e-2, 3e-2, 0.1])

@@ -1,5 +1,6 @@
 """Search of the sets of effects that a model may miss, and their probabilities."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,6 +25,7 @@ from power_estimator.posterior.priors import (
 )
 
 Chosen = tuple[int, ...]
+_NEVER = -1e4  # nats
 _LIKELY = 4.0  # the same, where sets are only screened
 
 
@@ -77,12 +79,30 @@ class EffectSearch:
             if score < here + WORTH:
                 best = self._pruned(chosen)
             if best == chosen:
+                best = self._with_two(chosen, here)
+            if best == chosen:
                 break
             chosen = best
         else:
             self._move(chosen)
         self.score(self.base)
         return chosen
+
+    def _with_two(self, chosen: Chosen, here: float) -> Chosen:
+        """Add the best two effects at once, each of which alone is worth nothing."""
+        single: dict[str, tuple[float, int]] = {}
+        for each, score in self.screened(self.more(chosen), chosen).items():
+            (new,) = (i for i in each if i not in chosen)
+            name = self.names[new]
+            single[name] = max(single.get(name, (-np.inf, new)), (score, new))
+        pairs = [
+            tuple(sorted((*chosen, a, b)))
+            for (_, a), (_, b) in itertools.combinations(single.values(), 2)
+        ]
+        screened = self.screened(pairs, chosen)
+        likely = sorted(pairs, key=lambda each: -screened[each])[:TRIED]
+        score, best = max(((self.score(each), each) for each in likely), default=(here, chosen))
+        return best if score >= here + WORTH else chosen
 
     def _pruned(self, chosen: Chosen) -> Chosen:
         """Take out effects without which a set is as good, fitted without each of them."""
@@ -137,6 +157,8 @@ class EffectSearch:
 
     def _prior(self, chosen: Chosen) -> float:
         own = self.names_of(chosen)
+        if 'winding_heating' in own and 'copper_loss' not in own:
+            return _NEVER  # it is a part of that
         total = 0.0
         for name in set(self.names) - set(self.known):
             chance = self.prior[name]

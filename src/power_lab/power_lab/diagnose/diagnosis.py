@@ -18,6 +18,7 @@ from wattwalk_core.arrays import Floats
 
 from power_lab.diagnose.findings import Candidate, Diagnosis, short
 from power_lab.diagnose.residual import missed_w2, residual
+from power_lab.structure.owners_terms import Drive, in_owners_terms
 
 _TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
 _TIED = 0.998
@@ -119,14 +120,18 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
     drive, columns = int(np.argmax(gain)), fit.structure.columns_of(active.name)
     size = np.sqrt(np.nanmean(np.square(fit.design.columns[:, drive, columns]), axis=0))
     lead = int(np.argmax(np.abs(fit.coefficients[drive, columns]) * size))
+    copper = fit.coefficients[drive, fit.structure.columns_of('copper_loss')]
     if active.name in {one.name for one in found.added}:
         drawn = [meter.coefficients[active.name] for meter in found.meters]
         values = np.array([np.median(own, axis=0) for own in drawn])
         interval = np.quantile(drawn[drive][:, lead], [0.025, 0.975])
+        copper = np.median(found.meters[drive].coefficients.get('copper_loss', [[]]), axis=0)
     else:
         values = fit.coefficients[:, columns]
         interval = fits.fitter.intervals(fit, fits.seed)[drive, columns[lead]]
     term = active.effect.terms[lead]
+    value, bounds = float(values[drive, lead]), (float(interval[0]), float(interval[1]))
+    read_beside = Drive.of(prepared, drive, float(copper[0]) if copper.size else 0.0)
     return Candidate(
         active=active,
         probability=judged.probability,
@@ -137,8 +142,9 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
         delta_rmse_w=float(before - after),
         symbol=term.symbol,
         unit=term.unit,
-        coefficient=float(values[drive, lead]),
-        interval=(float(interval[0]), float(interval[1])),
+        coefficient=value,
+        interval=bounds,
+        owners_terms=in_owners_terms(active, term.symbol, value, bounds, read_beside),
         drive=prepared.names[drive],
         coefficients={
             name: [short(value) for value in row]

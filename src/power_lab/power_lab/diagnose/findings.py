@@ -45,11 +45,20 @@ class Candidate:
     drive: str  # the one that coefficient and interval are of
     coefficients: dict[str, list[float]]  # by drive
     explained: NDArray[np.float32]  # W [N, M], that the model's residual has more than its own
+    owners_terms: str = ''  # the coefficient as a data sheet has it, '' where there is no such
 
     @property
     def name(self) -> str:
         """Name in the catalogue."""
         return self.active.name
+
+    @property
+    def in_words(self) -> str:
+        """The coefficient with its interval, in the owner's terms where there are such."""
+        unit = '' if self.unit == '1' else f' {self.unit}'
+        low, high = self.interval
+        own = f'{self.symbol} = {self.coefficient:.3g}{unit} ({low:.3g} … {high:.3g})'
+        return self.owners_terms or own
 
     def json(self) -> dict[str, Any]:
         """As `diagnose --json` writes it."""
@@ -68,6 +77,7 @@ class Candidate:
             'unit': self.unit,
             'symbol': self.symbol,
             'drive': self.drive,
+            'owners_terms': self.owners_terms,
             'shape': self.active.parameters,
             'coefficients': self.coefficients,
         }

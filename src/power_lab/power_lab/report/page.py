@@ -253,7 +253,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     page.table(
         [
             *('effect', 'probability', 'explains', '95 % interval', 'share of what is missed'),
-            *('error falls by', 'coefficient', '95 % interval', 'of drive'),
+            *('error falls by', 'coefficient (95 %)', 'of drive'),
         ],
         [
             [
@@ -263,8 +263,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
                 f'{row.explains[0]:.2f} … {row.explains[2]:.2f} W',
                 f'{row.share:.0%}',
                 f'{row.delta_rmse_w:.3f} W',
-                f'{row.symbol} = {row.coefficient:.3g} {row.unit if row.unit != "1" else ""}',
-                f'{row.interval[0]:.3g} … {row.interval[1]:.3g}',
+                row.in_words,
                 row.drive,
             ]
             for row in rows

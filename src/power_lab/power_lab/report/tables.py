@@ -127,8 +127,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         table.add_column(
             column, justify='left' if column in ('effect', 'coefficient') else 'right'
         )
-    for row in content['candidates'][:_SHOWN]:
-        low, high = row['interval']
+    for one, row in zip(outcome.diagnosis.candidates, content['candidates'][:_SHOWN]):
         table.add_row(
             row['name'],
             f'{row["probability"]:.2f}',
@@ -136,8 +135,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             '{:.2g} … {:.2g}'.format(*row['explains_interval']),
             f'{row["share"]:.0%}',
             f'{row["delta_rmse_w"]:.3f}',
-            f'{row["symbol"]} = {row["coefficient"]:.3g} {_unit(row["unit"])} '
-            f'({low:.3g} … {high:.3g}, {row["drive"]})',
+            f'{row["drive"]}: {one.in_words}',
         )
     console.print(table)
     terms = _table('measurement: error if its faults are ignored')
