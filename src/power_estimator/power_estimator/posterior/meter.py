@@ -128,6 +128,7 @@ class MeterProblem:
             'direction': direction,
             'quadrant': direction * np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong)),
             'time': np.broadcast_to(time[:, None] * (not s.steady), load.shape),
+            'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
         }
 

@@ -56,17 +56,17 @@ KINDS: Final[Mapping[str, str]] = {
     'rotor_inertia': 'motion',
     'spring': 'motion',
 }
-FORMS: Final = ('speed', 'load', 'direction', 'quadrant', 'time', 'low')
+FORMS: Final = ('speed', 'load', 'direction', 'quadrant', 'time', 'low', 'saturation')
 DEPARTURES: Final[Mapping[str, tuple[float, ...]]] = {
-    'friction': (0.2, 0.1, 0.1, 0.1, 0.1, 0.15),
-    'viscous': (0.2, 0.05, 0.05, 0.05, 0.1, 0.0),  # iron loss and it bend to one another
-    'copper': (0.0, 0.1, 0.03, 0.03, 0.05, 0.0),  # its time: a winding that warms unseen
-    'iron': (0.2, 0.1, 0.05, 0.05, 0.05, 0.0),
-    'idle': (0.02, 0.02, 0.0, 0.0, 0.05, 0.0),
-    'bus': (0.1, 0.1, 0.1, 0.1, 0.0, 0.0),
-    'motion': (0.05, 0.05, 0.05, 0.05, 0.0, 0.0),
-    'shaft': (0.0, 0.01, 0.01, 0.01, 0.0, 0.0),
-    'other': (0.1, 0.1, 0.1, 0.1, 0.05, 0.0),
+    'friction': (0.2, 0.1, 0.1, 0.1, 0.1, 0.15, 0.0),
+    'viscous': (0.2, 0.05, 0.05, 0.05, 0.1, 0.0, 0.0),  # iron loss and it bend to one another
+    'copper': (0.0, 0.1, 0.03, 0.03, 0.05, 0.0, 0.1),  # its time: a winding that warms unseen
+    'iron': (0.2, 0.1, 0.05, 0.05, 0.05, 0.0, 0.0),
+    'idle': (0.02, 0.02, 0.0, 0.0, 0.05, 0.0, 0.0),
+    'bus': (0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.0),
+    'motion': (0.05, 0.05, 0.05, 0.05, 0.0, 0.0, 0.0),
+    'shaft': (0.0, 0.01, 0.01, 0.01, 0.0, 0.0, 0.0),
+    'other': (0.1, 0.1, 0.1, 0.1, 0.05, 0.0, 0.0),
 }
 """Spreads, by FORMS: exponents of speed and load, and shares of the effect's own power."""
 ALIKE: Final = 0.5  # share of a formula's error that drives of one robot have in common

@@ -121,7 +121,7 @@ def judged_set(
 
 
 def _explained_w(search: EffectSearch, chosen: Chosen, place: int) -> Floats:
-    """W rms of an effect of a set that known effects and the gain can't take over, by meter [M]."""
+    """W rms of an effect that known effects and the gain can't take over, by meter [M]."""
     actives, name = [search.actives[i] for i in chosen], search.names[place]
     sizes = []
     for meter, fitted in zip(search.meters, search.at(chosen), strict=True):

@@ -127,7 +127,8 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         table.add_column(
             column, justify='left' if column in ('effect', 'coefficient') else 'right'
         )
-    for one, row in zip(outcome.diagnosis.candidates, content['candidates'][:_SHOWN]):
+    shown = outcome.diagnosis.candidates[:_SHOWN]
+    for one, row in zip(shown, content['candidates'][:_SHOWN], strict=True):
         table.add_row(
             row['name'],
             f'{row["probability"]:.2f}',

@@ -1,4 +1,4 @@
-"""Coefficients of effects in the terms of a drive's owner, with the textbook's value beside them."""
+"""Coefficients of effects in the terms of a drive's owner, beside the textbook's values."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
