@@ -13,12 +13,12 @@ from power_estimator.posterior.gaussian import (
     solved,
 )
 from power_estimator.posterior.odds import prior_of, tempered
-from power_estimator.posterior.priors import MIMICS, TOLD_APART
+from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.stand_ins import Evidence, InSet, StandIn
 from power_estimator.posterior.summary import by_cause
-from scipy.special import expit
+from scipy.special import expit, logit
 
 COLUMN = np.array([1.0, 2.0, 2.0])
 TARGET = np.array([1.0, 1.0, 3.0])
@@ -148,10 +148,10 @@ def test_normals_without_smooth_features_are_the_plain_problem():
 
 
 def test_evidence_counts_half_where_an_effect_is_as_large_as_the_discrepancy():
-    certain = np.log(0.95 / 0.05) + 2 * np.log(MIMICS / TOLD_APART)  # however much evidence
-    assert tempered(-1.0, 9.0, MIMICS) == pytest.approx(-np.logaddexp(-4.0, -certain))
+    most = np.log(0.95 / 0.05) - np.log(1 / 3) + 2 * np.log(MIMICS / TOLD_APART)
+    assert tempered(-1.0, 9.0, MIMICS) == pytest.approx(-1.0 - np.logaddexp(-5.0, -most))
     assert tempered(-1.0, 9.0, 100.0) == pytest.approx(9.0, abs=0.05)
-    assert expit(tempered(-1.0, 1e4, TOLD_APART)) == pytest.approx(0.95)
+    assert expit(tempered(logit(USUAL), 1e4, TOLD_APART)) == pytest.approx(0.95)
     assert tempered(3.0, 9.0, 1e-3) == pytest.approx(3.0, abs=1e-3)  # what was known stays
     assert tempered(-1.0, -9.0, 0.0) == -9.0  # evidence against counts whole
 

@@ -200,7 +200,7 @@ class MeterProblem:
         for the same price, and stay far off.
         """
         shown, power = self.power()[self.used], power[self.used]
-        return float(np.clip(shown @ power / max(power @ power, 1e-12), 0.0, 1.0))
+        return min(max(float(shown @ power) / max(float(power @ power), 1e-12), 0.0), 1.0)
 
     def _sizes(self, actives: Sequence[Active], point: Point, raw: Sequence[Floats]) -> Floats:
         """Watts of one unit of prior spread [n]: the rms power, of heating the copper loss."""
