@@ -107,6 +107,8 @@ class Effect:
     """Scale → factors [D, n] of the bounds, where they do not follow from the terms' units."""
     scaled: Callable[[DriveScale], tuple[Shape, ...]] | None = None
     """Scale → shapes to be tried, where they depend on the drives."""
+    enough: Callable[[Signals, Shape], bool] | None = None
+    """(signals, shape) → whether these show the shape so well that no other is tried."""
     departs_from: str = ''  # the effect whose departure a discrepancy is
     scaling: Mapping[str, tuple[float, ...] | None] | None = None
     """
@@ -146,6 +148,13 @@ class Effect:
     def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
         """Return the shapes to be tried for drives of this scale."""
         return self.shapes if self.scaled is None else self.scaled(scale)
+
+    def tried_on(self, signals: Signals) -> tuple[Shape, ...]:
+        """Return the shapes that signals can show."""
+        usable = [each for each in self.shapes_of(signals.scale) if self.usable(signals, **each)]
+        enough = self.enough
+        sure = [] if enough is None else [each for each in usable if enough(signals, each)]
+        return tuple(sure or usable)
 
 
 _METHODS = {'usable': 'recorded', 'factors': 'sizes', 'shapes_of': 'scaled'}

@@ -14,7 +14,7 @@ from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
-from power_estimator.posterior.odds import seen_to_warm, tempered
+from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import Chosen, EffectSearch
@@ -81,17 +81,13 @@ def judged_effects(
     prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
     signals = prepared.signals
     names = {active.name.partition('@')[0] for active in known}
-    warms = seen_to_warm(signals)
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
         if effect.name not in names and effect.fixed is None
-        for shape in effect.shapes_of(signals.scale)
+        for shape in effect.tried_on(signals)
         # Iron loss whose current heats the winding is friction by another name.
-        if effect.usable(signals, **shape)
-        and not shape.get('carried')
-        # A temperature that was seen to move much needs no model of the heat.
-        and not (warms and effect.name == 'winding_heating' and shape.get('time_constant'))
+        if not shape.get('carried')
     ]
     search = EffectSearch(prepared, known, lacking, base)
     chosen = search.run()

@@ -3,14 +3,11 @@
 import numpy as np
 from scipy.special import logit
 
-from power_estimator.effects import Signals
-from power_estimator.effects.library.winding import COPPER
 from power_estimator.posterior.priors import (
     MIMICS,
     MISSING,
     NAMED,
     OF_USERS,
-    SHOWS,
     TOLD_APART,
     USUAL,
     WARMING,
@@ -26,12 +23,6 @@ def prior_of(name: str, *, warms: bool = False) -> float:
     if warms and plain == 'winding_heating':
         return WARMING
     return MISSING.get(plain, OF_USERS)
-
-
-def seen_to_warm(signals: Signals) -> bool:
-    """Return whether the temperature of a winding moved so far that its resistance shows it."""
-    seen = signals.temperature[:, np.isfinite(signals.temperature).all(axis=0)]
-    return float(np.ptp(seen, axis=0).max(initial=0.0)) * COPPER >= SHOWS
 
 
 def tempered(before: float, after: float, ratio: float) -> float:

@@ -26,10 +26,8 @@ MISSING: Final[Mapping[str, float]] = {
 """Prior probability that drives of a model without the effect have it to a degree that shows."""
 USUAL: Final = 0.25
 """The same of an effect that is neither usual nor rare."""
-SHOWS: Final = 0.1
-"""Change of a winding's resistance, by a temperature that was measured, that should show."""
 WARMING: Final = 0.9
-"""Prior probability that such a winding's loss does: the sensor may be elsewhere."""
+"""The same of heating where a temperature was seen to move far: its sensor may be elsewhere."""
 OF_USERS: Final = 0.15  # the same of an effect that users wrote
 SIZES: Final = np.array([0.02, 0.1, 0.5, 2.0])
 """Prior spread of an effect's watts, of the rms power: any of these."""

@@ -70,7 +70,6 @@ def _screener(material: Material, known: Catalogue) -> CandidateScreener:
     candidates = [
         Active.of(known[name], shape)
         for name in _MAYBE
-        for shape in known[name].shapes_of(fitter.scale)
-        if known[name].usable(fitter.prepared.signals, **shape)
+        for shape in known[name].tried_on(fitter.prepared.signals)
     ]
     return CandidateScreener(fitter, Folds.of(fitter.blocks, fitter.settings), fit, candidates)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from power_lab.diagnose.outcome import Outcome
+from power_lab.structure.owners_terms import fitted_in_owners_terms
 
 _SHOWN = 8
 _ABREAST = 4  # drives whose values fit beside each other
@@ -49,6 +50,8 @@ def print_model(console: Console, model: EffectModel) -> None:
     ]
     groups = [group.type.name for group in model.groups]
     console.print(_fitted_table(f'{model.name}: coefficients', 'effect', coefficients, groups))
+    for line in fitted_in_owners_terms(model):
+        console.print(line)
     if errors:
         console.print(_fitted_table('errors of the measurement', 'error', errors, groups))
     if model.at_bound:

@@ -27,8 +27,7 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
     return [
         Active.of(shared_by_size(effect, signals) if whole else effect, shape)
         for effect in effects
-        for shape in effect.shapes_of(signals.scale)
-        if effect.usable(signals, **shape)
+        for shape in effect.tried_on(signals)
     ]
 
 

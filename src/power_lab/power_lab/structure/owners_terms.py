@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.library.winding import COPPER
+from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 
 _LEAST = 1e-12
@@ -15,8 +16,8 @@ _LEAST = 1e-12
 class Drive:
     """A drive in its recordings, which its coefficients are read beside."""
 
-    load: float  # N·m, rms
-    speed: float  # rad/s, rms
+    load: float  # N·m, rms; NaN where unknown
+    speed: float  # rad/s, rms; NaN where unknown
     copper: float  # W/(N·m)², 0 where the model has no copper loss
     torque_constant: float  # N·m/A, NaN where unknown
 
@@ -31,13 +32,29 @@ class Drive:
         return cls(load, speed, copper, float(prepared.torque_constant[drive]))
 
 
+def fitted_in_owners_terms(model: EffectModel) -> list[str]:
+    """Coefficients of a model's groups as a data sheet has them, a line each."""
+    lines = []
+    for group in model.groups:
+        copper = group.coefficients.get('copper_loss', [])
+        constant = np.nan if group.torque_constant is None else group.torque_constant
+        drive = Drive(np.nan, np.nan, copper[0].value if copper else 0.0, constant)
+        lines += [
+            f'{group.type.name}: {text}'
+            for active in model.structure.free
+            for term, one in zip(active.effect.terms, group.coefficients[active.name], strict=True)
+            if (text := in_owners_terms(active, term.symbol, one.value, one.interval, drive))
+        ]
+    return lines
+
+
 def in_owners_terms(
     active: Active, symbol: str, value: float, interval: tuple[float, float], drive: Drive
 ) -> str:
     """A coefficient and its interval as a data sheet has it; '' where there is no such term."""
     read = _READ.get((active.name, symbol))
     found = None if read is None else read(active, drive)
-    if found is None:
+    if found is None or not np.isfinite(found[1](value)):
         return ''
     text, convert = found
     low, high = sorted(convert(bound) for bound in interval)

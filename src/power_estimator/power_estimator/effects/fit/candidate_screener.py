@@ -304,11 +304,7 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     """The structure with the shape of each of its effects that fits best, one after the other."""
     signals = fitter.prepared.signals
     options = {
-        active.name: [
-            Active.of(active.effect, shape)
-            for shape in active.effect.shapes_of(fitter.scale)
-            if active.effect.usable(signals, **shape)
-        ]
+        active.name: [Active.of(active.effect, shape) for shape in active.effect.tried_on(signals)]
         for active in structure.actives
         if len(active.effect.shapes_of(fitter.scale)) > 1
     }

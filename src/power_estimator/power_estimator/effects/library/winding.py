@@ -3,12 +3,13 @@
 import numpy as np
 from wattwalk_core.arrays import Floats
 
-from power_estimator.effects.effect import Effect, Excitation, Term, share_of_top
+from power_estimator.effects.effect import Effect, Excitation, Shape, Term, share_of_top
 from power_estimator.effects.signals.state import Signals
 
 REFERENCE = 25.0  # °C at which the copper loss has its nominal coefficient
 
 COPPER = 0.0039  # relative growth of copper's resistance per kelvin
+_SHOWS = 0.1  # growth of a resistance, by a temperature that was measured, that should show
 
 
 def _saturation(signals: Signals, **_: float) -> Floats:
@@ -34,6 +35,17 @@ def _temperature_moved(signals: Signals, *, time_constant: float = 0.0, **_: flo
         return not signals.steady
     seen = np.isfinite(signals.temperature)
     return bool(seen.all() and np.ptp(signals.temperature, axis=0).max() > 1.0)
+
+
+def seen_to_warm(signals: Signals) -> bool:
+    """Return whether a winding's temperature moved so far that its resistance has to show it."""
+    seen = signals.temperature[:, np.isfinite(signals.temperature).all(axis=0)]
+    return float(np.ptp(seen, axis=0).max(initial=0.0)) * COPPER >= _SHOWS
+
+
+def _measured(signals: Signals, shape: Shape) -> bool:
+    """Return whether no model of the heat is needed."""
+    return shape['time_constant'] <= 0.0 and seen_to_warm(signals)
 
 
 def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floats]:
@@ -97,6 +109,7 @@ WINDING_HEATING = Effect(
     scaling={'gear_ratio': (-4.0, -4.0), 'winding_resistance': (2.0, 2.0)},
     regressors=_heating,
     recorded=_temperature_moved,
+    enough=_measured,
     follows=frozenset({'motor_torque'}),
     per_drive=True,
     shapes=tuple(
