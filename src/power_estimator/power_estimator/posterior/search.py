@@ -177,12 +177,13 @@ class EffectSearch:
         return self.judged[key]
 
     def _fitted(self, m: int, actives: Sequence[Active]) -> FittedSet:
-        """Return a set fitted to a meter, of a first new effect from two starts.
+        """Return a set fitted to a meter, from two starts where the current point may be far off.
 
-        The model's own point is far off where what it lacks is large.
+        That is a first new effect, and a set without an effect that the point has.
         """
         starts = [self._start(m, actives)]
-        if len(actives) == len(self.base) + 1 and starts[0]:
+        first, fewer = len(self.base) + 1, len(self.points[m])
+        if starts[0] and (len(actives) == first or len(actives) < fewer):
             starts.append({})
         fitted = [fit_set(self.meters[m], actives, self.known, start) for start in starts]
         return max(fitted, key=lambda one: one.evidence)

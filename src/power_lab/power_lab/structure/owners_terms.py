@@ -36,9 +36,9 @@ def fitted_in_owners_terms(model: EffectModel) -> list[str]:
     """Coefficients of a model's groups as a data sheet has them, a line each."""
     lines = []
     for group in model.groups:
-        copper = group.coefficients.get('copper_loss', [])
+        copper = next(iter(group.coefficients.get('copper_loss', ())), None)
         constant = np.nan if group.torque_constant is None else group.torque_constant
-        drive = Drive(np.nan, np.nan, copper[0].value if copper else 0.0, constant)
+        drive = Drive(np.nan, np.nan, 0.0 if copper is None else copper.value, constant)
         lines += [
             f'{group.type.name}: {text}'
             for active in model.structure.free
