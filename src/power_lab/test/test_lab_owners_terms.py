@@ -3,10 +3,10 @@
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
-from power_lab.structure.owners_terms import Drive, in_owners_terms
+from power_lab.structure.owners_terms import DriveAtWork, in_owners_terms
 
 EFFECTS = builtin_catalogue()
-DRIVE = Drive(load=2.0, speed=10.0, copper=0.5, torque_constant=0.1)
+DRIVE = DriveAtWork(load=2.0, speed=10.0, copper=0.5, torque_constant=0.1)
 
 
 def said(name, symbol, value, interval, drive=DRIVE, **shape):
@@ -24,7 +24,7 @@ def test_growth_with_a_temperature_that_nobody_measured_has_no_such_term():
 
 def test_copper_loss_is_watts_per_square_of_the_motors_current_where_that_is_known():
     assert said('copper_loss', 'k', 20.0, (10.0, 30.0)) == '0.2 (0.1 … 0.3) W/A² in the winding'
-    unknown = Drive(load=2.0, speed=10.0, copper=0.5, torque_constant=float('nan'))
+    unknown = DriveAtWork(load=2.0, speed=10.0, copper=0.5, torque_constant=float('nan'))
     assert said('copper_loss', 'k', 20.0, (10.0, 30.0), unknown) == '80 (40 … 120) W at 2 N·m'
 
 

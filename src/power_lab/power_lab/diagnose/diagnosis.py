@@ -18,7 +18,7 @@ from wattwalk_core.arrays import Floats
 
 from power_lab.diagnose.findings import Candidate, Diagnosis, short
 from power_lab.diagnose.residual import missed_w2, residual
-from power_lab.structure.owners_terms import Drive, in_owners_terms
+from power_lab.structure.owners_terms import DriveAtWork, in_owners_terms
 
 _TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
 _TIED = 0.998
@@ -131,7 +131,7 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
         interval = fits.fitter.intervals(fit, fits.seed)[drive, columns[lead]]
     term = active.effect.terms[lead]
     value, bounds = float(values[drive, lead]), (float(interval[0]), float(interval[1]))
-    read_beside = Drive.of(prepared, drive, float(copper[0]) if copper.size else 0.0)
+    read_beside = DriveAtWork.of(prepared, drive, float(copper[0]) if copper.size else 0.0)
     return Candidate(
         active=active,
         probability=judged.probability,

@@ -13,7 +13,7 @@ _LEAST = 1e-12
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveAtWork:
     """A drive in its recordings, which its coefficients are read beside."""
 
     load: float  # N·m, rms; NaN where unknown
@@ -22,7 +22,7 @@ class Drive:
     torque_constant: float  # N·m/A, NaN where unknown
 
     @classmethod
-    def of(cls, prepared: Prepared, drive: int, copper: float) -> 'Drive':
+    def of(cls, prepared: Prepared, drive: int, copper: float) -> 'DriveAtWork':
         """Take the rms of load and speed; copper in W/(N·m)²."""
         signals = prepared.signals
         load, speed = (
@@ -38,7 +38,7 @@ def fitted_in_owners_terms(model: EffectModel) -> list[str]:
     for group in model.groups:
         copper = next(iter(group.coefficients.get('copper_loss', ())), None)
         constant = np.nan if group.torque_constant is None else group.torque_constant
-        drive = Drive(np.nan, np.nan, 0.0 if copper is None else copper.value, constant)
+        drive = DriveAtWork(np.nan, np.nan, 0.0 if copper is None else copper.value, constant)
         lines += [
             f'{group.type.name}: {text}'
             for active in model.structure.free
@@ -49,7 +49,7 @@ def fitted_in_owners_terms(model: EffectModel) -> list[str]:
 
 
 def in_owners_terms(
-    active: Active, symbol: str, value: float, interval: tuple[float, float], drive: Drive
+    active: Active, symbol: str, value: float, interval: tuple[float, float], drive: DriveAtWork
 ) -> str:
     """A coefficient and its interval as a data sheet has it; '' where there is no such term."""
     read = _READ.get((active.name, symbol))
@@ -66,27 +66,27 @@ def _digits(value: float) -> str:
 
 
 _Reading = tuple[str, Callable[[float], float]]
-_Read = Callable[[Active, Drive], _Reading | None]
+_Read = Callable[[Active, DriveAtWork], _Reading | None]
 
 
 def _times(factor: float, text: str) -> _Reading:
     return text, lambda value: factor * value
 
 
-def _copper(_active: Active, drive: Drive) -> _Reading:
+def _copper(_active: Active, drive: DriveAtWork) -> _Reading:
     if np.isfinite(drive.torque_constant):
         return _times(drive.torque_constant**2, '{} W/A² in the winding')
     return _times(drive.load**2, f'{{}} W at {drive.load:.3g} N·m')
 
 
-def _heating(active: Active, drive: Drive) -> _Reading | None:
+def _heating(active: Active, drive: DriveAtWork) -> _Reading | None:
     if active.parameters.get('time_constant') or drive.copper <= 0.0:
         return None  # growth with a temperature that nobody measured
     text = f'the winding gains {{}} %/K; copper: {100 * COPPER:.2g}'
     return _times(100 * COPPER / drive.copper, text)
 
 
-def _by_current(_active: Active, drive: Drive) -> _Reading:
+def _by_current(_active: Active, drive: DriveAtWork) -> _Reading:
     if np.isfinite(drive.torque_constant):
         return _times(drive.torque_constant, '{} W/A of motor current')
     return _times(drive.load, f'{{}} W at {drive.load:.3g} N·m')
