@@ -16,7 +16,7 @@ from power_estimator.posterior.odds import prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
-from power_estimator.posterior.stand_ins import Evidence, InSet, StandIn
+from power_estimator.posterior.stand_ins import LogOdds, InSet, StandIn
 from power_estimator.posterior.summary import by_cause
 from scipy.special import expit, logit
 
@@ -195,19 +195,19 @@ def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does(
 
 
 def test_effects_that_stand_for_each_other_share_the_probability_of_both():
-    shows = Evidence(before=-1.0, after=200.0, ratio=10.0)
-    alike = StandIn(1, (1,), Evidence(before=0.0, after=-50.0, ratio=0.01), shows)
+    shows = LogOdds(before=-1.0, after=200.0, ratio=10.0)
+    alike = StandIn(1, (1,), LogOdds(before=0.0, after=-50.0, ratio=0.01), shows)
     found = InSet(0, shows, (alike,))
     assert expit(found.log_odds) == pytest.approx(0.5, abs=0.02)
     assert found.probability(alike) == pytest.approx(0.5, abs=0.02)
-    apart = StandIn(1, (1,), Evidence(before=0.0, after=50.0, ratio=5.0), shows)
+    apart = StandIn(1, (1,), LogOdds(before=0.0, after=50.0, ratio=5.0), shows)
     assert expit(InSet(0, shows, (apart,)).log_odds) > 0.99
 
 
 def test_an_effect_in_the_place_of_another_counts_no_more_than_its_own_evidence():
-    shows = Evidence(before=-1.0, after=200.0, ratio=10.0)  # nobody doubts that something is there
-    nothing = Evidence(before=-1.0, after=-3.0, ratio=0.1)  # and the other explains none of it
-    alike = StandIn(1, (1,), Evidence(before=0.0, after=203.0, ratio=0.01), nothing)
+    shows = LogOdds(before=-1.0, after=200.0, ratio=10.0)  # nobody doubts that something is there
+    nothing = LogOdds(before=-1.0, after=-3.0, ratio=0.1)  # and the other explains none of it
+    alike = StandIn(1, (1,), LogOdds(before=0.0, after=203.0, ratio=0.01), nothing)
     assert expit(InSet(0, shows, (alike,)).log_odds) > 0.99
 
 

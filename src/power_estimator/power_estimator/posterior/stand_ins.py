@@ -20,8 +20,8 @@ _MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Evidence for an effect over none, or over another."""
+class LogOdds:
+    """Log odds of an effect over none, or over another."""
 
     before: float  # log odds that were known
     after: float  # log odds by the recording
@@ -46,8 +46,8 @@ class StandIn:
 
     effect: int
     chosen: Chosen  # the set with it
-    against: Evidence  # for the effect of the set over this one
-    alone: Evidence  # for this one over neither
+    against: LogOdds  # for the effect of the set over this one
+    alone: LogOdds  # for this one over neither
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class InSet:
     """An effect of the most probable set with all that may stand in its place."""
 
     place: int
-    none: Evidence  # for the effect over none
+    none: LogOdds  # for the effect over none
     stand_ins: tuple[StandIn, ...]
 
     @property
@@ -80,7 +80,7 @@ def judged_set(
 ) -> list[InSet]:
     """Judge each new effect of a set against none, and against others in its place.
 
-    Evidence counts by what the effect explains that the other model can't: viscous friction is an
+    LogOdds counts by what the effect explains that the other model can't: viscous friction is an
     iron loss beside a torque that reads low.
     """
     left = np.array([max(one.discrepancy_w, 1e-12) for one in summaries])
@@ -92,7 +92,7 @@ def judged_set(
         fewer = tuple(i for i in chosen if i != place)
         own = np.array([float(np.median(one.explains[name])) for one in summaries])
         before = search.prior_odds(name)
-        none = Evidence(before, here - search.score(fewer), ratio_of(own, left))
+        none = LogOdds(before, here - search.score(fewer), ratio_of(own, left))
         screened = search.screened(search.swaps(chosen, place), chosen)
         best: dict[str, tuple[float, int, Chosen]] = {}
         for each, score in screened.items():
@@ -108,8 +108,8 @@ def judged_set(
                 StandIn(
                     new,
                     each,
-                    Evidence(before - other, here - search.score(each), ratio_of(apart_w, left)),
-                    Evidence(
+                    LogOdds(before - other, here - search.score(each), ratio_of(apart_w, left)),
+                    LogOdds(
                         other,
                         search.score(each) - search.score(fewer),
                         ratio_of(_explained_w(search, each, new), left),
