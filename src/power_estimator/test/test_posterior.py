@@ -16,7 +16,7 @@ from power_estimator.posterior.odds import prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
-from power_estimator.posterior.stand_ins import LogOdds, InSet, StandIn
+from power_estimator.posterior.stand_ins import InSet, LogOdds, StandIn
 from power_estimator.posterior.summary import by_cause
 from scipy.special import expit, logit
 

@@ -80,7 +80,7 @@ def judged_set(
 ) -> list[InSet]:
     """Judge each new effect of a set against none, and against others in its place.
 
-    LogOdds counts by what the effect explains that the other model can't: viscous friction is an
+    Evidence counts by what the effect explains that the other model can't: viscous friction is an
     iron loss beside a torque that reads low.
     """
     left = np.array([max(one.discrepancy_w, 1e-12) for one in summaries])
