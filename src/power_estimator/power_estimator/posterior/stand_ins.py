@@ -90,7 +90,7 @@ def judged_set(
             continue
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
-        own = np.array([float(np.median(one.explains[name])) for one in summaries])
+        own = _apart_w(search, chosen, place, None, left)
         before = search.prior_odds(name)
         none = LogOdds(before, here - search.score(fewer), ratio_of(own, left))
         screened = search.screened(search.swaps(chosen, place), chosen)
@@ -139,18 +139,19 @@ def ratio_of(own: Floats, left: Floats) -> float:
 
 
 def _apart_w(
-    search: EffectSearch, chosen: Chosen, place: int, instead: int, left: Floats
+    search: EffectSearch, chosen: Chosen, place: int, instead: int | None, left: Floats
 ) -> Floats:
-    """W rms of an effect that the rest and another in its place can't show, by meter [M].
+    """W rms of an effect that the rest, and another in its place, can't show, by meter [M].
 
     Scales of sensors that are off by three spreads, which is hardly ever, cost as much as a ratio
     to the discrepancy (left in W rms) at which evidence counts half.
     """
-    effect, other = search.actives[place], search.actives[instead]
+    effect = search.actives[place]
     rest = [search.actives[i] for i in chosen if i != place]
+    rest += [] if instead is None else [search.actives[instead]]
     sizes = []
     for meter, point, size in zip(search.meters, search.points, left, strict=True):
-        columns = meter.columns([*rest, effect, other], point)
+        columns = meter.columns([*rest, effect], point)
         places = columns.places(effect)
         values = point[effect.name][1] / columns.watts[places]
         others = np.delete(columns.effects, np.r_[places], axis=1)
