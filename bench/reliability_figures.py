@@ -119,19 +119,40 @@ def measurement(rows: Sequence[Row]) -> Table:
     return table
 
 
+def beside_hidden(rows: Sequence[Row]) -> Table:
+    """Names in logs in which something is hidden, less those of the log as it is."""
+    title = 'names in logs that the log as it is does not have'
+    table = Table('log', 'of what was hidden', 'of anything else', title=title)
+    as_it_is = {
+        row['family']: dict(row['statements'])
+        for row in rows
+        if row['family'].startswith('log ') and not row['hidden']
+    }
+    for family, stated in sorted(as_it_is.items()):
+        new = [
+            effect in row['missing']
+            for row in rows
+            if row['family'] == family and row['hidden']
+            for effect, probability in row['statements']
+            if effect not in MEASUREMENT and probability >= 0.95 > stated.get(effect, 0.0)
+        ]
+        table.add_row(family, str(sum(new)), str(len(new) - sum(new)))
+    return table
+
+
 def _order(value: object) -> tuple[bool, Any]:
     return isinstance(value, str), value
 
 
 def _found(rows: Iterable[Row]) -> Iterator[bool]:
-    """Yield for each hidden effect that is large enough whether it was named."""
+    """Yield for each hidden effect that is large enough whether it, or its family, was named."""
     for row in rows:
-        names = {effect for effect, probability in row['statements'] if probability >= 0.95}
+        stated = dict(row['statements'])
         for effect, watts in row['watts'].items():
             any_of = set(effect.split('|'))
             large = watts >= 0.999 * FLOOR * row['rms_w'] or effect == row.get('left_out')
             if large and any_of & set(row['missing']):
-                yield bool(any_of & names)
+                yield sum(stated.get(name, 0.0) for name in any_of) >= 0.95
 
 
 def _left_alone(rows: Iterable[Row]) -> Iterator[bool]:
@@ -149,6 +170,7 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         reliability(good),
         coverage(good),
         measurement(good),
+        beside_hidden(good),
         by(good, 'family', lambda row: row['family']),
         by(good, 'length', lambda row: row['seconds']),
         by(good, 'drives', lambda row: row['drives']),
