@@ -5,7 +5,15 @@ import json
 import pytest
 import reliability
 from judgements import diagnosed
-from reliability_figures import by, clopper_pearson, covered, measurement, said, share
+from reliability_figures import (
+    beside_hidden,
+    by,
+    clopper_pearson,
+    covered,
+    measurement,
+    said,
+    share,
+)
 from reliability_questions import OfPlant, OfRobot, Sealed, plant_questions, robot_questions
 from truths import FAMILIES, Case, record
 
@@ -53,6 +61,21 @@ def test_effects_too_small_to_find_are_not_missed():
     assert list(table.columns[4].cells) == ['–']
     table = by([ROW], 'family', lambda row: row['family'])
     assert list(table.columns[4].cells) == ['1.00 [0.03, 1.00] of 1']
+
+
+def test_names_of_one_family_find_a_hidden_effect_together():
+    either = [['regeneration_limit', 0.49], ['regeneration_efficiency', 0.49]]
+    watts = {'regeneration_limit|regeneration_efficiency': 3.0}
+    row = ROW | {'missing': ['regeneration_limit'], 'statements': either, 'watts': watts}
+    table = by([row], 'family', lambda row: row['family'])
+    assert list(table.columns[4].cells) == ['1.00 [0.03, 1.00] of 1']
+
+
+def test_names_that_come_with_what_is_hidden_in_a_log_are_counted_apart_from_its_own():
+    log = ROW | {'family': 'log A', 'hidden': [], 'statements': [['idle', 0.96]]}
+    stated = [['spring', 0.97], ['idle', 0.99], ['cogging', 0.95], ['power_gain', 0.99]]
+    table = beside_hidden([log, log | {'hidden': ['spring 5%'], 'statements': stated}])
+    assert [list(column.cells) for column in table.columns] == [['log A'], ['1'], ['1']]
 
 
 def test_questions_are_a_sample_that_does_not_change():

@@ -1,9 +1,12 @@
 """Figures of the posterior that can be checked by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.gaussian import (
     NormalEquations,
     Weighed,
@@ -12,7 +15,7 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
-from power_estimator.posterior.odds import prior_of, tempered
+from power_estimator.posterior.odds import has_wholes, prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
@@ -21,6 +24,7 @@ from power_estimator.posterior.summary import by_cause
 from scipy.special import expit, logit
 
 COLUMN = np.array([1.0, 2.0, 2.0])
+EFFECTS = builtin_catalogue()
 TARGET = np.array([1.0, 1.0, 3.0])
 
 
@@ -212,4 +216,25 @@ def test_an_effect_in_the_place_of_another_counts_no_more_than_its_own_evidence(
 
 
 def test_a_winding_that_was_seen_to_warm_has_a_loss_that_warms():
-    assert prior_of('winding_heating', warms=True) == 0.9 > 3 * prior_of('winding_heating')
+    assert prior_of('winding_heating', expected=True) == 0.9 > 3 * prior_of('winding_heating')
+
+
+@pytest.mark.parametrize(
+    ('warmed', 'tried'), [(25.0, 8), (26.0, 1)]
+)  # K; 0.0039 of 26 K is a tenth of the resistance
+def test_a_winding_that_was_seen_to_warm_is_tried_with_its_temperature_alone(warmed, tried):
+    temperature = np.array([40.0, 40.0 + warmed])[:, None]
+    signals = SimpleNamespace(
+        temperature=temperature, steady=False, at_motor=np.array([True]), scale=None
+    )
+    shapes = EFFECTS['winding_heating'].tried_on(signals)
+    assert len(shapes) == tried
+    assert shapes[0] == {'time_constant': 0.0}
+
+
+def test_heating_is_there_with_copper_loss_only_also_where_each_drive_has_its_own():
+    heating, copper = (Active.of(EFFECTS[name]) for name in ('winding_heating', 'copper_loss'))
+    own = replace(copper, effect=replace(copper.effect, name='copper_loss@LF_KFE'))
+    assert not has_wholes([heating])
+    assert has_wholes([heating, copper])
+    assert has_wholes([heating, own])

@@ -28,6 +28,10 @@ def test_copper_loss_is_watts_per_square_of_the_motors_current_where_that_is_kno
     assert said('copper_loss', 'k', 20.0, (10.0, 30.0), unknown) == '80 (40 … 120) W at 2 N·m'
 
 
+def test_a_spring_that_may_not_give_at_all_has_no_upper_stiffness():
+    assert said('spring', '1/ks', 0.05, (0.0, 0.1)) == '20 (10 … inf) N·m/rad'
+
+
 @pytest.mark.parametrize(
     ('name', 'symbol', 'words'),
     [

@@ -109,6 +109,7 @@ class Effect:
     """Scale → shapes to be tried, where they depend on the drives."""
     enough: Callable[[Signals, Shape], bool] | None = None
     """(signals, shape) → whether these show the shape so well that no other is tried."""
+    part_of: str = ''  # the effect without which it cannot be, of whose watts it is a part
     departs_from: str = ''  # the effect whose departure a discrepancy is
     scaling: Mapping[str, tuple[float, ...] | None] | None = None
     """
@@ -152,9 +153,11 @@ class Effect:
     def tried_on(self, signals: Signals) -> tuple[Shape, ...]:
         """Return the shapes that signals can show."""
         usable = [each for each in self.shapes_of(signals.scale) if self.usable(signals, **each)]
-        enough = self.enough
-        sure = [] if enough is None else [each for each in usable if enough(signals, each)]
-        return tuple(sure or usable)
+        return tuple([each for each in usable if self.shown_by(signals, each)] or usable)
+
+    def shown_by(self, signals: Signals, shape: Shape) -> bool:
+        """Return whether signals show a shape so well that no other is tried."""
+        return self.enough is not None and self.enough(signals, shape)
 
 
 _METHODS = {'usable': 'recorded', 'factors': 'sizes', 'shapes_of': 'scaled'}

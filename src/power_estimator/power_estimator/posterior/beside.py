@@ -7,7 +7,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_estimator.posterior.fitted_set import signs
-from power_estimator.posterior.meter import apart
+from power_estimator.posterior.meter import explained
 from power_estimator.posterior.search import Chosen, EffectSearch
 
 _DRAWS = 200
@@ -24,14 +24,9 @@ class Beside:
 
 def all_beside(search: EffectSearch, chosen: Chosen) -> Mapping[str, Beside]:
     """Each effect that the most probable set lacks, beside it."""
-    screened = search.screened([*search.more(chosen), chosen], chosen)
-    here = screened.pop(chosen)
-    best: dict[str, tuple[float, int]] = {}
-    for each, score in screened.items():
-        (new,) = (i for i in each if i not in chosen)
-        best[search.names[new]] = max(best.get(search.names[new], (-np.inf, new)), (score, new))
+    here = search.screened([chosen], chosen)[chosen]
     out = {}
-    for name, (score, new) in best.items():
+    for name, (score, new, _) in search.best_new(search.more(chosen), chosen, chosen).items():
         levels = [_explained(search, m, chosen, new) for m in range(len(search.meters))]
         out[name] = Beside(new, np.array(levels), score - here)
     return out
@@ -48,9 +43,5 @@ def _explained(search: EffectSearch, m: int, chosen: Chosen, new: int) -> Floats
     drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
     signed = signs(actives[-1:])
     drawn = np.where(signed, np.maximum(drawn, 0.0), drawn)
-    alone = apart(columns, meter.used, columns.places(actives[-1]), [*search.names_of(chosen)])[
-        meter.used
-    ]
-    gram = alone.T @ alone / len(alone)
-    watts = np.sqrt(np.maximum(np.einsum('si,ij,sj->s', drawn, gram, drawn), 0.0))
+    watts = explained(columns, meter.used, actives[-1], drawn, [*search.names_of(chosen)])
     return np.asarray(np.quantile(watts, [0.025, 0.5, 0.975]))

@@ -23,7 +23,6 @@ from power_estimator.posterior.priors import (
     DEPARTING,
     DEPARTURES,
     DISCREPANCY,
-    FORMS,
     KINDS,
     SPIKE,
 )
@@ -203,18 +202,20 @@ class MeterProblem:
         return min(max(float(shown @ power) / max(float(power @ power), 1e-12), 0.0), 1.0)
 
     def _sizes(self, actives: Sequence[Active], point: Point, raw: Sequence[Floats]) -> Floats:
-        """Watts of one unit of prior spread [n]: the rms power, of heating the copper loss."""
-        names = np.array([a.name for a in actives for _ in a.effect.terms])
-        sizes = np.where(names == 'line_resistance', BAD_CABLE, 1.0) * self.rms
-        copper = [
-            own[self.used] @ point[a.name][1]
-            for a, own in zip(actives, raw, strict=True)
-            if a.name == 'copper_loss' and a.name in point
-        ]
-        if copper:
-            warm = float(np.sqrt(np.mean(np.square(copper))))
-            sizes[names == 'winding_heating'] = np.clip(warm, SPIKE * self.rms, self.rms)
-        return sizes
+        """Watts of one unit of prior spread [n]: the rms power, of a part the whole's own."""
+        sizes: list[float] = []
+        for active in actives:
+            size = self.rms * (BAD_CABLE if active.name == 'line_resistance' else 1.0)
+            wholes = [
+                own[self.used] @ point[a.name][1]
+                for a, own in zip(actives, raw, strict=True)
+                if a.name in point and a.name.partition('@')[0] == active.effect.part_of
+            ]
+            if wholes:
+                watts = float(np.sqrt(np.mean(np.square(sum(wholes)))))
+                size = min(max(watts, SPIKE * self.rms), self.rms)
+            sizes += [size] * len(active.effect.terms)
+        return np.array(sizes)
 
     def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
         """Power of the shaft and of each kind of effect at a point, W [T, D]."""
@@ -238,16 +239,17 @@ class MeterProblem:
         columns: list[Floats] = []
         causes: list[str] = []
         fast = float(np.sqrt(np.mean(self.signals.velocity**2))) + 1e-9
-        one = dict.fromkeys(FORMS, 0.0)
-        one['speed'] = float(np.log(1.0 / fast + _TOWARDS_ZERO))
-        one['time'], one['low'] = 1.0, float(np.exp(-np.square(1.0 / (_LOW * fast))))
+        one = {
+            'speed': float(np.log(1.0 / fast + _TOWARDS_ZERO)),
+            'time': 1.0,
+            'low': float(np.exp(-np.square(1.0 / (_LOW * fast)))),
+        }
         for kind, watts in powers.items():
-            for form, spread in zip(FORMS, DEPARTURES[kind], strict=True):
-                if spread:
-                    if kind in ('friction', 'viscous'):
-                        at_one[len(columns)] = kind, spread * one[form]
-                    columns.append(spread * watts * c[form])
-                    causes.append(f'departures of {kind}')
+            for form, spread in DEPARTURES[kind].items():
+                if kind in ('friction', 'viscous'):
+                    at_one[len(columns)] = kind, spread * one.get(form, 0.0)
+                columns.append(spread * watts * c[form])
+                causes.append(f'departures of {kind}')
         return self.summed(np.stack(columns, axis=-1)), causes, at_one
 
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
@@ -332,6 +334,21 @@ def apart(
     taken = taken[(taken < places.start) | (taken >= places.stop)]
     base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, : int(gain)]], axis=1)
     return less(columns.effects[:, places], base, used)
+
+
+def explained(
+    columns: EffectColumns,
+    used: NDArray[np.bool_],
+    active: Active,
+    values: Floats,
+    names: Sequence[str],
+    *,
+    gain: bool = True,
+) -> Floats:
+    """W rms [s] of an effect's coefficients [s, n] that others by name cannot take over."""
+    own = apart(columns, used, columns.places(active), names, gain=gain)[used]
+    gram = own.T @ own / len(own)
+    return np.sqrt(np.maximum(np.einsum('si,ij,sj->s', values, gram, values), 0.0))
 
 
 def less(own: Floats, base: Floats, used: NDArray[np.bool_]) -> Floats:

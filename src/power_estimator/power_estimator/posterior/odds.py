@@ -1,28 +1,34 @@
 """Log odds of effects: before a recording, and by how much its evidence counts."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.special import logit
 
+from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.priors import (
+    EXPECTED,
     MIMICS,
     MISSING,
     NAMED,
     OF_USERS,
     TOLD_APART,
     USUAL,
-    WARMING,
 )
 
 
-def prior_of(name: str, *, warms: bool = False) -> float:
+def prior_of(name: str, *, expected: bool = False) -> float:
     """Probability that a model without an effect lacks it, before the recording.
 
-    warms: a winding's temperature was seen to move so far that its loss has to show it.
+    expected: the recording's motion and temperature are such that physics asks for it.
     """
-    plain = name.partition('@')[0]
-    if warms and plain == 'winding_heating':
-        return WARMING
-    return MISSING.get(plain, OF_USERS)
+    return EXPECTED if expected else MISSING.get(name.partition('@')[0], OF_USERS)
+
+
+def has_wholes(actives: Sequence[Active]) -> bool:
+    """Return whether a set has every effect that one of its effects is a part of."""
+    plain = {active.name.partition('@')[0] for active in actives}
+    return {active.effect.part_of for active in actives} - {''} <= plain
 
 
 def tempered(before: float, after: float, ratio: float) -> float:

@@ -26,7 +26,7 @@ MISSING: Final[Mapping[str, float]] = {
 """Prior probability that drives of a model without the effect have it to a degree that shows."""
 USUAL: Final = 0.25
 """The same of an effect that is neither usual nor rare."""
-WARMING: Final = 0.9
+EXPECTED: Final = 0.9
 """The same of heating where a temperature was seen to move far: its sensor may be elsewhere."""
 OF_USERS: Final = 0.15  # the same of an effect that users wrote
 SIZES: Final = np.array([0.02, 0.1, 0.5, 2.0])
@@ -54,22 +54,40 @@ KINDS: Final[Mapping[str, str]] = {
     'rotor_inertia': 'motion',
     'spring': 'motion',
 }
-FORMS: Final = ('speed', 'load', 'direction', 'quadrant', 'time', 'low', 'saturation')
-DEPARTURES: Final[Mapping[str, tuple[float, ...]]] = {
-    'friction': (0.2, 0.1, 0.1, 0.1, 0.1, 0.15, 0.0),
-    'viscous': (0.2, 0.05, 0.05, 0.05, 0.1, 0.0, 0.0),  # iron loss and it bend to one another
-    'copper': (0.0, 0.1, 0.03, 0.03, 0.05, 0.0, 0.1),  # its time: a winding that warms unseen
-    'iron': (0.2, 0.1, 0.05, 0.05, 0.05, 0.0, 0.0),
-    'idle': (0.02, 0.02, 0.0, 0.0, 0.05, 0.0, 0.0),
-    'bus': (0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.0),
-    'motion': (0.05, 0.05, 0.05, 0.05, 0.0, 0.0, 0.0),
-    'shaft': (0.0, 0.01, 0.01, 0.01, 0.0, 0.0, 0.0),
-    'other': (0.1, 0.1, 0.1, 0.1, 0.05, 0.0, 0.0),
+DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
+    'friction': {
+        'speed': 0.2,
+        'load': 0.1,
+        'direction': 0.1,
+        'quadrant': 0.1,
+        'time': 0.1,
+        'low': 0.15,
+    },
+    'viscous': {  # iron loss and it bend to one another
+        'speed': 0.2,
+        'load': 0.05,
+        'direction': 0.05,
+        'quadrant': 0.05,
+        'time': 0.1,
+    },
+    'copper': {
+        'load': 0.1,
+        'direction': 0.03,
+        'quadrant': 0.03,
+        'time': 0.05,  # a winding that warms unseen
+        'saturation': 0.1,
+    },
+    'iron': {'speed': 0.2, 'load': 0.1, 'direction': 0.05, 'quadrant': 0.05, 'time': 0.05},
+    'idle': {'speed': 0.02, 'load': 0.02, 'time': 0.05},
+    'bus': {'speed': 0.1, 'load': 0.1, 'direction': 0.1, 'quadrant': 0.1},
+    'motion': {'speed': 0.05, 'load': 0.05, 'direction': 0.05, 'quadrant': 0.05},
+    'shaft': {'load': 0.01, 'direction': 0.01, 'quadrant': 0.01},
+    'other': {'speed': 0.1, 'load': 0.1, 'direction': 0.1, 'quadrant': 0.1, 'time': 0.05},
 }
-"""Spreads, by FORMS: exponents of speed and load, and shares of the effect's own power."""
+"""Spreads by form: exponents of speed and load, and shares of the effect's own power."""
 ALIKE: Final = 0.5  # share of a formula's error that drives of one robot have in common
 BLOCK: Final = 2.0  # s
-LEAST_SECONDS: Final = 4 * BLOCK  # to judge: the noise's weights are those of blocks
+LEAST_TO_JUDGE: Final = 4 * BLOCK  # s: the noise's weights are those of blocks
 SEARCHED: Final = 6  # drives of a robot on which sets are searched; the others take the best
 TRIED: Final = 3  # sets of one effect more that are judged at their own point
 WORTH: Final = 0.5  # nats, of a further effect

@@ -10,12 +10,11 @@ from wattwalk_core.arrays import Floats
 from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower
-from power_estimator.effects.library.winding import seen_to_warm
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
-from power_estimator.posterior.odds import prior_of
+from power_estimator.posterior.odds import has_wholes, prior_of
 from power_estimator.posterior.priors import (
     ALIKE,
     KNOWN_SIZE,
@@ -56,8 +55,13 @@ class EffectSearch:
         self.known = tuple(active.name for active in free)
         self.actives = (*free, *candidates)
         self.names = [active.name for active in self.actives]
-        warms = seen_to_warm(prepared.signals)
-        self.prior = {name: prior_of(name, warms=warms) for name in self.names}
+        expected = {
+            active.name
+            for active in candidates
+            if active.effect.shown_by(prepared.signals, active.parameters)
+        }
+        self.prior = {name: prior_of(name, expected=name in expected) for name in self.names}
+        self.underneath = base is not None  # a model that may have any effect in it
         self.shapes = {name: self.names.count(name) for name in self.names}
         self.base: Chosen = tuple(range(len(free)))
         self.points: list[Point] = [{} for _ in self.meters]
@@ -91,14 +95,10 @@ class EffectSearch:
 
     def _with_two(self, chosen: Chosen, here: float) -> Chosen:
         """Add the best two effects at once, each of which alone is worth nothing."""
-        single: dict[str, tuple[float, int]] = {}
-        for each, score in self.screened(self.more(chosen), chosen).items():
-            (new,) = (i for i in each if i not in chosen)
-            name = self.names[new]
-            single[name] = max(single.get(name, (-np.inf, new)), (score, new))
+        single = self.best_new(self.more(chosen), chosen, chosen)
         pairs = [
             tuple(sorted((*chosen, a, b)))
-            for (_, a), (_, b) in itertools.combinations(single.values(), 2)
+            for (_, a, _), (_, b, _) in itertools.combinations(single.values(), 2)
         ]
         screened = self.screened(pairs, chosen)
         likely = sorted(pairs, key=lambda each: -screened[each])[:TRIED]
@@ -158,8 +158,8 @@ class EffectSearch:
 
     def _prior(self, chosen: Chosen) -> float:
         own = self.names_of(chosen)
-        if 'winding_heating' in own and 'copper_loss' not in own:
-            return _NEVER  # it is a part of that
+        if not self.underneath and not has_wholes([self.actives[i] for i in chosen]):
+            return _NEVER
         total = 0.0
         for name in set(self.names) - set(self.known):
             chance = self.prior[name]
@@ -293,6 +293,20 @@ class EffectSearch:
         return [
             tuple(sorted((*fewer, i))) for i, name in enumerate(self.names) if name not in have
         ]
+
+    def best_new(
+        self, sets: Sequence[Chosen], rest: Chosen, chosen: Chosen
+    ) -> dict[str, tuple[float, int, Chosen]]:
+        """Screen sets with one effect more than the rest.
+
+        Return score, new effect and set of the best for each name of a new effect.
+        """
+        best: dict[str, tuple[float, int, Chosen]] = {}
+        for each, score in self.screened(sets, chosen).items():
+            (new,) = (i for i in each if i not in rest)
+            last = best.get(self.names[new])
+            best[self.names[new]] = max(last or (-np.inf, new, each), (score, new, each))
+        return best
 
     def screened(self, sets: Sequence[Chosen], chosen: Chosen) -> dict[Chosen, float]:
         """Log posteriors of sets linearised about the current points, which are of chosen."""

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
-from power_estimator.posterior.meter import apart
+from power_estimator.posterior.meter import explained
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import MIMICS
 from power_estimator.posterior.search import Chosen, EffectSearch
@@ -93,13 +93,7 @@ def judged_set(
         own = _apart_w(search, chosen, place, None, left)
         before = search.prior_odds(name)
         none = LogOdds(before, here - search.score(fewer), ratio_of(own, left))
-        screened = search.screened(search.swaps(chosen, place), chosen)
-        best: dict[str, tuple[float, int, Chosen]] = {}
-        for each, score in screened.items():
-            (new,) = (i for i in each if i not in fewer)
-            last = best.get(search.names[new])
-            if last is None or score > last[0]:
-                best[search.names[new]] = score, new, each
+        best = search.best_new(search.swaps(chosen, place), fewer, chosen)
         stand_ins = []
         for _, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
             other = search.prior_odds(search.names[new])
@@ -127,9 +121,8 @@ def _explained_w(search: EffectSearch, chosen: Chosen, place: int) -> Floats:
     for meter, fitted in zip(search.meters, search.at(chosen), strict=True):
         columns = meter.columns(actives, fitted.point)
         active, values = fitted.point[name]
-        places = columns.places(active)
-        own = apart(columns, meter.used, places, search.known)[meter.used]
-        sizes.append(rms(own @ (values / columns.watts[places])))
+        units = (values / columns.watts[columns.places(active)])[None]
+        sizes.append(float(explained(columns, meter.used, active, units, search.known)[0]))
     return np.array(sizes)
 
 

@@ -15,7 +15,7 @@ from power_estimator.posterior.meter import (
     EffectColumns,
     MeterProblem,
     Point,
-    apart,
+    explained,
     less,
 )
 from power_estimator.posterior.priors import MISFIT
@@ -147,14 +147,12 @@ def _explains(
     gain: bool = True,
 ) -> Mapping[str, Floats]:
     """W rms [s] of each effect that known effects, and the meter's gain, cannot take over."""
-    out = {}
-    for active in columns.actives:
-        places = columns.places(active)
-        own = apart(columns, meter.used, places, known, gain=gain)[meter.used]
-        gram = own.T @ own / len(own)
-        weights = drawn[:, places]
-        out[active.name] = np.sqrt(np.maximum(np.einsum('si,ij,sj->s', weights, gram, weights), 0))
-    return out
+    return {
+        active.name: explained(
+            columns, meter.used, active, drawn[:, columns.places(active)], known, gain=gain
+        )
+        for active in columns.actives
+    }
 
 
 def rms(values: Floats) -> float:

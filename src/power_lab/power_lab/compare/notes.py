@@ -5,7 +5,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.sizing import UNKNOWN_CONSTANT
 from power_estimator.effects.training import LEAST_SECONDS
-from power_estimator.posterior.priors import LEAST_SECONDS as TO_JUDGE
+from power_estimator.posterior.priors import LEAST_TO_JUDGE
 
 
 def notes(prepared: Prepared) -> list[str]:
@@ -20,7 +20,7 @@ def notes(prepared: Prepared) -> list[str]:
     elif prepared.seconds < LEAST_SECONDS:
         found.append(
             f'{prepared.seconds:.1f} s are little: believe the intervals, not the values; '
-            f'diagnose needs {TO_JUDGE:.0f} s'
+            f'diagnose needs {LEAST_TO_JUDGE:.0f} s'
         )
     if prepared.whole:
         found.append(

@@ -15,7 +15,7 @@ from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.model import PowerModel
-from power_estimator.posterior.priors import LEAST_SECONDS, MOST_SECONDS
+from power_estimator.posterior.priors import LEAST_TO_JUDGE, MOST_SECONDS
 
 from power_lab.compare.notes import notes
 from power_lab.diagnose.diagnosis import diagnosed
@@ -157,7 +157,7 @@ def diagnose(
         loaded.data,
         base=None if under is None else under.power,
         catalogue=catalogue,
-        least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
+        least=max(LEAST_TO_JUDGE, LEAST_TO_JUDGE * loaded.window),
         window=loaded.window,
     )
     seconds = own.prepared.seconds

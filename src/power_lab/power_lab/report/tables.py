@@ -130,16 +130,16 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         table.add_column(
             column, justify='left' if column in ('effect', 'coefficient') else 'right'
         )
-    shown = outcome.diagnosis.candidates[:_SHOWN]
-    for one, row in zip(shown, content['candidates'][:_SHOWN], strict=True):
+    for one in outcome.diagnosis.candidates[:_SHOWN]:
+        low, middle, high = one.explains
         table.add_row(
-            row['name'],
-            f'{row["probability"]:.2f}',
-            f'{row["explains_w"]:.3f}',
-            '{:.2g} … {:.2g}'.format(*row['explains_interval']),
-            f'{row["share"]:.0%}',
-            f'{row["delta_rmse_w"]:.3f}',
-            f'{row["drive"]}: {one.in_words}',
+            one.name,
+            f'{one.probability:.2f}',
+            f'{middle:.3f}',
+            f'{low:.2g} … {high:.2g}',
+            f'{one.share:.0%}',
+            f'{one.delta_rmse_w:.3f}',
+            f'{one.drive}: {one.in_words}',
         )
     console.print(table)
     terms = _table('measurement: error if its faults are ignored')

@@ -9,8 +9,6 @@ from power_estimator.effects.library.winding import COPPER
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 
-_LEAST = 1e-12
-
 
 @dataclass(frozen=True)
 class DriveAtWork:
@@ -107,5 +105,8 @@ _READ: dict[tuple[str, str], _Read] = {
         100.0, '{} % of what flows back is lost'
     ),
     ('regeneration_limit', 'b'): lambda *_: _times(100.0, '{} % of what flows back is blocked'),
-    ('spring', '1/ks'): lambda *_: ('{} N·m/rad', lambda value: 1.0 / max(value, _LEAST)),
+    ('spring', '1/ks'): lambda *_: (
+        '{} N·m/rad',
+        lambda value: 1.0 / value if value > 0.0 else np.inf,
+    ),
 }

@@ -37,15 +37,11 @@ def _temperature_moved(signals: Signals, *, time_constant: float = 0.0, **_: flo
     return bool(seen.all() and np.ptp(signals.temperature, axis=0).max() > 1.0)
 
 
-def seen_to_warm(signals: Signals) -> bool:
-    """Return whether a winding's temperature moved so far that its resistance has to show it."""
-    seen = signals.temperature[:, np.isfinite(signals.temperature).all(axis=0)]
-    return float(np.ptp(seen, axis=0).max(initial=0.0)) * COPPER >= _SHOWS
-
-
-def _measured(signals: Signals, shape: Shape) -> bool:
-    """Return whether no model of the heat is needed."""
-    return shape['time_constant'] <= 0.0 and seen_to_warm(signals)
+def _warmed(signals: Signals, shape: Shape) -> bool:
+    """Return whether a measured temperature moved so far that the loss has to show it."""
+    if shape['time_constant'] > 0.0:
+        return False
+    return bool(np.ptp(signals.temperature, axis=0).max() * COPPER >= _SHOWS)
 
 
 def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floats]:
@@ -109,7 +105,8 @@ WINDING_HEATING = Effect(
     scaling={'gear_ratio': (-4.0, -4.0), 'winding_resistance': (2.0, 2.0)},
     regressors=_heating,
     recorded=_temperature_moved,
-    enough=_measured,
+    enough=_warmed,
+    part_of='copper_loss',
     follows=frozenset({'motor_torque'}),
     per_drive=True,
     shapes=tuple(
