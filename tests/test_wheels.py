@@ -125,7 +125,7 @@ def test_the_quick_start_runs_from_wheels_in_any_folder(bare):
 @needs_build
 @without_ros
 def test_all_nodes_start_from_wheels(bare, tmp_path):
-    given = ('--channel', str(tmp_path / 'bus'), '--record', 'live', '--duration', '2')
+    given = ('--channel', str(tmp_path / 'bus'), '--record', 'live', '--duration', '10')
     output = bare.run('ros2', 'run', 'wattwalk_bringup', 'live', *given)
     assert 'estimator: estimating' in output
     assert (bare.folder / 'live' / 'metadata.yaml').exists()
