@@ -161,15 +161,16 @@ class _Refits:
             ]
         )
         often = fitter.drawn(count, int(random.integers(2**31)))
+        # Drives of one design depart from the formulas alike: means over drives keep the error.
+        guesses = random.standard_normal((count, len(outside)))
+        there = ~outside | (random.random((count, len(outside))) < _OFTEN)
         out = np.zeros((count, *begin.shape))
         for own in fitter.groups:
             gram = sum(_weighted(normal.gram[:, d], weights[:, d], often) for d in own)
             moment = sum(_weighted(normal.moment[:, d], weights[:, d], often) for d in own)
             spread = np.maximum(prior[own].mean(axis=0), 1e-12)
             ridge = trusted[own].mean() / np.square(spread)
-            guess = np.where(np.isfinite(spread), spread, 0.0)
-            guess = guess * random.standard_normal((count, len(spread)))
-            there = ~outside | (random.random((count, len(outside))) < _OFTEN)
+            guess = np.where(np.isfinite(spread), spread, 0.0) * guesses
             ends = design.lower[own].mean(axis=0), design.upper[own].mean(axis=0)
             low, high = (np.where(there, end, 0.0) for end in ends)
             near = np.tile(begin[own[0]], (count, 1))

@@ -1,5 +1,6 @@
 """Levers: what changes of the drives would save at the same motion of the joints."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -17,7 +18,7 @@ from power_lab.budget.accounts import DRAWS, Accounts
 from power_lab.budget.tally import interval
 
 _SECONDS: Final = 40.0  # that a change is computed on, in pieces spread over the recordings
-_SCALING: Final = 0.05  # of a change, by which drives scale otherwise: less than formulas depart
+_SCALING: Final = 0.1  # of an effect's change, by which it scales otherwise: as formulas depart
 _SMALL: Final = 0.1  # change of each lever in the table
 _EITHER: Final = ('gear_ratio', 'supply_voltage')  # may save in either direction
 
@@ -87,7 +88,7 @@ class _Trial:
         self._signals = accounts.signals
         if part is not None:
             self._signals = accounts.signals.rows(part.samples, prepared.signals.segment)
-        self._normal = np.random.default_rng([accounts.seed, 2]).standard_normal(DRAWS)
+        self._fixed = [a.name for a in accounts.model.structure.actives if a.effect.fixed]
         self._before = self._mean(self._signals, accounts.coefficients)
 
     def lever(self, changes: Mapping[str, float]) -> Lever:
@@ -103,10 +104,14 @@ class _Trial:
                 signals = self._loaded(signals, factor)
         after = self._mean(signals, accounts.coefficients * factors)
         moved = accounts.draws.coefficients - accounts.coefficients
-        change = after[0] - self._before[0]
-        drawn = change + ((after[1] * factors - self._before[1]) * moved).sum(axis=(1, 2))
-        drawn = change + (1.0 + self._misfit) * (drawn - change)
-        drawn = drawn + change * np.hypot(self._misfit, _SCALING) * self._normal
+        by_effect = {name: watts - self._before[0][name] for name, watts in after[0].items()}
+        change = sum(by_effect.values())
+        random = np.random.default_rng([accounts.seed, 2])
+        drawn = ((after[1] * factors - self._before[1]) * moved).sum(axis=(1, 2))
+        drawn = change + (1.0 + self._misfit) * drawn
+        for name, own in by_effect.items():
+            share = self._misfit if name in self._fixed else np.hypot(self._misfit, _SCALING)
+            drawn += share * own * random.standard_normal(DRAWS)
         low, high = interval(np.concatenate([[change], drawn])).tolist()
         text = ','.join(f'{name}={factor:g}' for name, factor in changes.items())
         return Lever(text, float(change), (low, high))
@@ -120,14 +125,16 @@ class _Trial:
         torque, rate = signals.torque * times, signals.torque_rate * times
         return replace(signals, torque=torque, motor_torque=torque, torque_rate=rate)
 
-    def _mean(self, signals: Signals, coefficients: Floats) -> tuple[float, Floats]:
-        """Mean power of all drives, W, and its slopes by the coefficients [D, m]."""
+    def _mean(self, signals: Signals, coefficients: Floats) -> tuple[dict[str, float], Floats]:
+        """Mean power of all drives by effect, W, and its slopes by the coefficients [D, m]."""
         accounts = self._accounts
-        slopes, total = np.zeros_like(coefficients), 0.0
+        slopes = np.zeros_like(coefficients)
+        total: dict[str, float] = defaultdict(float)
         for drives in accounts.together:
             seen = signals.drive(drives[0]) if len(drives) < len(signals.names) else signals
             found = split(accounts.model.structure, coefficients[drives], seen)
-            total += sum(float(values.mean(axis=0).sum()) for values in found.parts.values())
+            for name, values in found.parts.items():
+                total[name] += float(values.mean(axis=0).sum())
             for (_, column), values in found.slopes.items():
                 slopes[drives, column] += values.mean(axis=0)
         return total, slopes
