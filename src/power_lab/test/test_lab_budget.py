@@ -2,13 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure, evaluate
 from power_estimator.effects.split import split
-from power_lab.budget.levers import parse_changes
+from power_lab.budget.levers import carried_over, parse_changes
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
 from power_lab.commands.arguments import budget as budget_command
 from wattwalk_core.errors import InputError
@@ -157,6 +158,14 @@ def test_a_lever_that_an_effect_does_not_tell_of_is_refused(lab):
     with pytest.raises(InputError, match='gear_ratio: what becomes of field_weakening is not'):
         more.budget({'gear_ratio': 1.1})
     assert any('gear_ratio' in reason for reason in more.budget().refused)
+
+
+@pytest.mark.parametrize('lever', ['payload', 'friction', 'gear_ratio'])
+def test_a_torque_with_friction_in_it_is_not_scaled(lab, lever):
+    signals = lab.judge.prepared.signals
+    signals = replace(signals, at_motor=np.ones(len(signals.names), dtype=bool))
+    with pytest.raises(InputError, match=f"{lever}: the torque of .* is the motor's"):
+        carried_over(lab.effects, signals, lever, 0.9)
 
 
 @pytest.mark.parametrize('text', ['gear=2', 'idle', 'idle=much', 'idle=-1', 'idle=1.1,idle=2'])

@@ -17,7 +17,7 @@ from wattwalk_core.errors import InputError
 from power_lab.budget.accounts import DRAWS, Accounts
 from power_lab.budget.tally import interval
 
-_SECONDS: Final = 40.0  # that a change is computed on, in pieces spread over the recordings
+_SECONDS: Final = 120.0  # that a change is computed on: longer recordings in pieces
 _SCALING: Final = 0.1  # of an effect's change, by which it scales otherwise: as formulas depart
 _SMALL: Final = 0.1  # change of each lever in the table
 _EITHER: Final = ('gear_ratio', 'supply_voltage')  # may save in either direction
@@ -84,10 +84,10 @@ class _Trial:
         self._accounts, self._misfit = accounts, misfit
         prepared = pieces(accounts.prepared, _SECONDS)
         part = prepared.part
-        self._rows = slice(None) if part is None else part.samples
         self._signals = accounts.signals
         if part is not None:
             self._signals = accounts.signals.rows(part.samples, prepared.signals.segment)
+        self._unseen = 1.0 - len(self._signals.time) / len(accounts.signals.time)
         self._fixed = [a.name for a in accounts.model.structure.actives if a.effect.fixed]
         self._before = self._mean(self._signals, accounts.coefficients)
 
@@ -112,6 +112,7 @@ class _Trial:
         for name, own in by_effect.items():
             share = self._misfit if name in self._fixed else np.hypot(self._misfit, _SCALING)
             drawn += share * own * random.standard_normal(DRAWS)
+        drawn += self._unseen_w(after[2] - self._before[2]) * random.standard_normal(DRAWS)
         low, high = interval(np.concatenate([[change], drawn])).tolist()
         text = ','.join(f'{name}={factor:g}' for name, factor in changes.items())
         return Lever(text, float(change), (low, high))
@@ -125,19 +126,29 @@ class _Trial:
         torque, rate = signals.torque * times, signals.torque_rate * times
         return replace(signals, torque=torque, motor_torque=torque, torque_rate=rate)
 
-    def _mean(self, signals: Signals, coefficients: Floats) -> tuple[dict[str, float], Floats]:
-        """Mean power of all drives by effect, W, and its slopes by the coefficients [D, m]."""
+    def _unseen_w(self, change: Floats) -> float:
+        """Deviation of the mean of a change [T] in W, for what lies between the pieces."""
+        second = round(self._signals.rate)
+        whole = change[: len(change) // second * second].reshape(-1, second).mean(axis=1)
+        return float(np.sqrt(self._unseen * whole.var() / len(whole))) if len(whole) else 0.0
+
+    def _mean(
+        self, signals: Signals, coefficients: Floats
+    ) -> tuple[dict[str, float], Floats, Floats]:
+        """Mean power of all drives by effect, W, its slopes [D, m], and its sum [T]."""
         accounts = self._accounts
         slopes = np.zeros_like(coefficients)
         total: dict[str, float] = defaultdict(float)
+        over_time = np.zeros(len(signals.time))
         for drives in accounts.together:
             seen = signals.drive(drives[0]) if len(drives) < len(signals.names) else signals
             found = split(accounts.model.structure, coefficients[drives], seen)
             for name, values in found.parts.items():
                 total[name] += float(values.mean(axis=0).sum())
+                over_time += values.sum(axis=1)
             for (_, column), values in found.slopes.items():
                 slopes[drives, column] += values.mean(axis=0)
-        return total, slopes
+        return total, slopes, over_time
 
 
 def carried_over(model: EffectModel, signals: Signals, lever: str, factor: float) -> Floats:
@@ -148,10 +159,10 @@ def carried_over(model: EffectModel, signals: Signals, lever: str, factor: float
     if model.base is not None:
         raise InputError(f'{lever}: what becomes of the base model {model.base} is not known')
     at_motor = [name for name, own in zip(signals.names, signals.at_motor, strict=True) if own]
-    if at_motor and lever in ('gear_ratio', 'friction'):
+    if at_motor and lever in ('gear_ratio', 'friction', 'payload'):
         raise InputError(
             f"{lever}: the torque of {', '.join(at_motor)} is the motor's, with friction and "
-            'rotor inertia in it, which would change'
+            'rotor inertia in it, which change otherwise'
         )
     factors: list[float] = []
     for active in model.structure.free:
