@@ -34,6 +34,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption('--fast', action='store_true', help='leave out what starts processes or fits')
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Give each of several workers one thread a matrix product: they would wait for each other."""
+    if config.getoption('numprocesses', None):
+        for library in ('OMP', 'OPENBLAS', 'MKL'):
+            os.environ.setdefault(f'{library}_NUM_THREADS', '1')
+
+
 def is_fast(item: pytest.Item) -> bool:
     """Tell whether a test starts no node and is in no file that takes long."""
     started = {'node_process', 'ros_domain'} & {*getattr(item, 'fixturenames', ())}

@@ -9,7 +9,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.gaussian import (
     NormalEquations,
-    Weighed,
+    Turned,
     by_delay,
     draws,
     marginalised,
@@ -29,16 +29,21 @@ TARGET = np.array([1.0, 1.0, 3.0])
 
 
 def of_columns(columns, targets, smooth=None, spread=(1.0, 1.0)):
-    """Normal equations of unit noise: columns [N, n], targets [N, S], features [N, 3]."""
-    every = columns if smooth is None else np.concatenate([columns, smooth], axis=1)
-    groups = (0, 0, 0) if smooth is None else (1, 1, 1)
-    (only,) = marginalised(weighed(every, targets), groups, ((spread[0],), (spread[1],)))
+    """Normal equations of unit noise: columns [N, n], targets [N, S], features [N, 3].
+
+    The last two features are columns of the spreads spread[1] and 1.
+    """
+    smooth = np.empty((len(columns), 0)) if smooth is None else smooth
+    groups = (1, 1) if smooth.size else (0, 0)
+    parts = weighed(columns, targets, smooth)
+    (only,) = marginalised(parts, groups, ((spread[0],), (spread[1],)))
     return only
 
 
-def weighed(every, targets):
-    """Products of columns [N, m] and targets [N, S]."""
-    return Weighed(every.T @ every, every.T @ targets, np.square(targets).sum(axis=0))
+def weighed(columns, targets, smooth):
+    """Products of columns [N, n], and of all features [N, 3] but the first, beside that."""
+    beside = np.concatenate([columns, smooth[:, 1:]], axis=1)
+    return Turned.of(smooth[:, :1], targets).beside(beside, np.zeros(len(targets)))
 
 
 def log_density(target, covariance):
@@ -80,8 +85,20 @@ def test_a_smooth_part_that_is_marginalised_is_one_that_is_solved_jointly():
     assert found.mean == pytest.approx(together.mean[:2])
     assert found.covariance == pytest.approx(together.covariance[:2, :2])
     assert found.evidence == pytest.approx(together.evidence)
-    rest = weighed(both, target)
-    assert rest.smooth(apart, found.mean, 0) == pytest.approx(together.mean[2:])
+    *others, turned = weighed(columns, target, smooth).smooth(apart, found.mean, 0)
+    feature = turned * Turned.of(smooth[:, :1], target).turn[0, 0]
+    assert [feature, *others] == pytest.approx(together.mean[2:])
+
+
+def test_what_is_known_of_the_power_is_taken_out_of_it():
+    random = np.random.default_rng(4)
+    columns, features = random.normal(size=(20, 2)), random.normal(size=(20, 3))
+    power, constant = random.normal(size=(20, 4)), random.normal(size=20)
+    found = Turned.of(features, power).beside(columns, constant)
+    alone = Turned.of(features, power - constant[:, None]).beside(columns, np.zeros(20))
+    assert found.moments == pytest.approx(alone.moments)
+    assert found.turned == pytest.approx(alone.turned)
+    assert found.squares == pytest.approx(alone.squares)
 
 
 def test_columns_that_are_taken_are_those_of_a_smaller_problem():

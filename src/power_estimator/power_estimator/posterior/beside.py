@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from wattwalk_core.arrays import Floats
 
+from power_estimator.posterior.effect_columns import explained
 from power_estimator.posterior.fitted_set import signs
-from power_estimator.posterior.meter import explained
 from power_estimator.posterior.search import Chosen, EffectSearch
 
 _DRAWS = 200

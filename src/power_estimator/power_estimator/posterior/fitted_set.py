@@ -8,8 +8,9 @@ from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
-from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
+from power_estimator.posterior.meter import MeterProblem, Point
 from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
 
 _ITERATIONS = 6

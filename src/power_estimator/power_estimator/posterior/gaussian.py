@@ -1,7 +1,6 @@
 """Linear Gaussian problems with the discrepancy marginalised: evidence, means and draws."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,70 +43,110 @@ class Solution:
 
 
 @dataclass(frozen=True)
+class Turned:
+    """Weighted features of the discrepancy, turned so that their products are diagonal."""
+
+    features: Floats  # [N, a]
+    values: Floats  # [a], their squared lengths
+    turn: Floats  # [a, a], from weights of these to weights of the features as they were
+    power: Floats  # weighted, at S delays [N, S]
+    squares: Floats  # of the power [S]
+    moments: Floats  # [a, S]
+
+    @classmethod
+    def of(cls, features: Floats, power: Floats) -> 'Turned':
+        """Turn weighted features [N, a] beside weighted power [N, S]."""
+        values, turn = np.linalg.eigh(features.T @ features)
+        turned = features @ turn
+        squares = np.square(power).sum(axis=0)
+        return cls(turned, np.maximum(values, 0.0), turn, power, squares, turned.T @ power)
+
+    def beside(self, columns: Floats, constant: Floats) -> 'Weighed':
+        """Weighted products with columns [N, m], where a part of the power [N] is known."""
+        every = np.concatenate([columns, constant[:, None]], axis=1)
+        gram, cross = every.T @ every, self.features.T @ every
+        moments = every.T @ self.power
+        return Weighed(
+            gram[:-1, :-1],
+            moments[:-1] - gram[:-1, -1:],
+            self.squares - 2.0 * moments[-1] + gram[-1, -1],
+            self.values,
+            cross[:, :-1],
+            self.moments - cross[:, -1:],
+        )
+
+
+@dataclass(frozen=True)
 class Weighed:
-    """Weighted products of columns [m] with one another and with the power at S delays."""
+    """Weighted products of columns [m] with one another and with the power at S delays.
+
+    Beside them stand the turned features of the discrepancy [a], where there are any left.
+    """
 
     gram: Floats  # [m, m]
     moments: Floats  # [m, S]
     squares: Floats  # of the power [S]
+    values: Floats  # [a]
+    cross: Floats  # [a, m]
+    turned: Floats  # [a, S]
 
-    def without(self, own: slice, size: float) -> tuple['Weighed', float]:
-        """Marginalise columns of one prior spread, with the nats that this costs."""
-        inner = self.gram[own, own] + np.eye(own.stop - own.start) / size**2
-        factor = np.linalg.cholesky(inner)
-        rest = np.r_[0 : own.start, own.stop : len(self.gram)]
-        joined = np.concatenate([self.gram[own, rest], self.moments[own]], axis=1)
-        solved = solve_triangular(factor, joined, lower=True)
-        left, right = solved[:, : len(rest)], solved[:, len(rest) :]
-        return Weighed(
-            self.gram[np.ix_(rest, rest)] - left.T @ left,
-            self.moments[rest] - left.T @ right,
-            self.squares - np.square(right).sum(axis=0),
-        ), float(np.log(np.diag(factor)).sum() + len(inner) * np.log(size))
+    def at_size(self, size: float) -> tuple['Weighed', float]:
+        """Marginalise the features at a prior spread, with the nats that this costs."""
+        scale = 1.0 / (self.values + size**-2.0)
+        heavy = self.cross.T * scale
+        left = Weighed(
+            self.gram - heavy @ self.cross,
+            self.moments - heavy @ self.turned,
+            self.squares - scale @ np.square(self.turned),
+            self.values[:0],
+            self.cross[:0],
+            self.turned[:0],
+        )
+        return left, float(0.5 * np.log1p(self.values * size**2).sum())
 
-    def at_sizes(self, count: int, sizes: Floats) -> Iterator['tuple[Weighed, float]']:
-        """Marginalise all columns but the first count, at each of some prior spreads."""
-        values, turned = np.linalg.eigh(self.gram[count:, count:])
-        values = np.maximum(values, 0.0)
-        left, right = turned.T @ self.gram[count:, :count], turned.T @ self.moments[count:]
-        for size in sizes:
-            scale = 1.0 / (values + size**-2.0)
-            heavy = left.T * scale
-            yield (
-                Weighed(
-                    self.gram[:count, :count] - heavy @ left,
-                    self.moments[:count] - heavy @ right,
-                    self.squares - scale @ np.square(right),
-                ),
-                float(0.5 * np.log1p(values * size**2).sum()),
-            )
+    def without(self, count: int, size: float) -> tuple['Weighed', float]:
+        """Marginalise the last columns, so many, of one prior spread, with the nats."""
+        kept = len(self.gram) - count
+        factor = np.linalg.cholesky(self.gram[kept:, kept:] + np.eye(count) / size**2)
+        joined = np.concatenate([self.gram[kept:, :kept], self.moments[kept:]], axis=1)
+        solved = solve_triangular(factor, joined, lower=True, check_finite=False)
+        left, right = solved[:, :kept], solved[:, kept:]
+        rest = replace(
+            self,
+            gram=self.gram[:kept, :kept] - left.T @ left,
+            moments=self.moments[:kept] - left.T @ right,
+            squares=self.squares - np.square(right).sum(axis=0),
+        )
+        return rest, float(np.log(np.diag(factor)).sum() + count * np.log(size))
 
-    def smooth(self, normal: NormalEquations, mean: Floats, place: int) -> Floats:
-        """Mean of the smooth features' weights [a] beside effects and nuisances [n + z]."""
+    def smooth(self, normal: 'NormalEquations', mean: Floats, place: int) -> Floats:
+        """Mean weights of the smooth features beside effects and nuisances [n + z].
+
+        Those of the columns that are not kept come first, then those of the turned features.
+        """
         count = len(mean)
-        inner = self.gram[count:, count:] + np.diag(normal.spread**-2.0)
-        rest = self.moments[count:, place] - self.gram[count:, :count] @ mean
-        return np.asarray(np.linalg.solve(inner, rest))
+        inner = np.block([[self.gram, self.cross.T], [self.cross, np.diag(self.values)]])
+        moments = np.concatenate([self.moments, self.turned])[count:, place]
+        precision = inner[count:, count:] + np.diag(normal.spread**-2.0)
+        return np.asarray(np.linalg.solve(precision, moments - inner[count:, :count] @ mean))
 
 
 def marginalised(
-    weighed: Weighed, groups: tuple[int, int, int], sizes: tuple[Floats, Floats]
+    weighed: Weighed, groups: tuple[int, int], sizes: tuple[Floats, Floats]
 ) -> list[NormalEquations]:
-    """Marginalise smooth features, the last columns, in three groups of so many.
+    """Marginalise the features, and the last columns in two groups of so many.
 
-    sizes: prior spreads of the first and of the second group, all of which are tried; the third
-    group's is 1.
+    sizes: prior spreads of the features and of the first group, all of which are tried; the
+    second group's is 1.
     """
-    general, bent, absent = groups
-    kept = len(weighed.gram) - sum(groups)
-    end = len(weighed.gram)
-    there, nats = weighed.without(slice(end - absent, end), 1.0)
+    bent, absent = groups
     out = []
-    for second in sizes[1]:
-        own = slice(kept + general, kept + general + bent)
-        inner, more = there.without(own, second)
-        for first, (left, most) in zip(sizes[0], inner.at_sizes(kept, sizes[0]), strict=True):
-            spread = np.repeat([first, second, 1.0], groups)
+    for first in sizes[0]:
+        there, most = weighed.at_size(first)
+        there, nats = there.without(absent, 1.0)
+        for second in sizes[1]:
+            left, more = there.without(bent, second)
+            spread = np.repeat([second, 1.0, first], [bent, absent, len(weighed.values)])
             constants = np.asarray(-0.5 * left.squares - nats - more - most)
             out.append(NormalEquations(spread, left.gram, left.moments, constants))
     return out
@@ -117,7 +156,7 @@ def by_delay(normal: NormalEquations, sizes: Floats) -> Floats:
     """Log evidence at each delay [S], at prior spreads [n + z]."""
     factor = np.linalg.cholesky(normal.gram + np.diag(sizes**-2.0))
     half = np.log(np.diag(factor)).sum() + np.log(sizes).sum()
-    found = solve_triangular(factor, normal.moments, lower=True)
+    found = solve_triangular(factor, normal.moments, lower=True, check_finite=False)
     return np.asarray(normal.constants + 0.5 * np.square(found).sum(axis=0) - half)
 
 
@@ -130,15 +169,16 @@ def solved(normal: NormalEquations, place: int, sizes: Floats, signed: Bools) ->
     sizes = sizes.copy()
     moment, count = normal.moments[:, place], len(signed)
     while True:
-        precision = normal.gram + np.diag(sizes**-2.0)
-        covariance = np.asarray(np.linalg.inv(precision), float)
+        factor = np.linalg.cholesky(normal.gram + np.diag(sizes**-2.0))
+        root = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
+        covariance = root.T @ root
         mean = covariance @ moment
         below = np.flatnonzero(signed & (mean[:count] < 0) & (sizes[:count] > 2 * _HELD))
         if not below.size:
             break
         shown = mean[below] / np.sqrt(np.diag(covariance)[below])
         sizes[below[np.argmin(shown)]] = _HELD
-    half = 0.5 * np.linalg.slogdet(precision)[1] + np.log(sizes).sum()
+    half = np.log(np.diag(factor)).sum() + np.log(sizes).sum()
     log = float(normal.constants[place] + 0.5 * moment @ mean - half)
     shown = mean[:count] / np.sqrt(np.diag(covariance)[:count])
     log += float((log_ndtr(shown) + np.log(2.0))[signed].sum())
@@ -152,8 +192,11 @@ def draws(
     start: Floats,
     signed: Bools,
     random: np.random.Generator,
+    share: float = 1.0,
 ) -> Floats:
     """Draw effects and nuisances [s, n + z], signed ones from the part that is not negative.
+
+    share: of the draws that a posterior has, those of this part of it.
 
     Gibbs steps from start [n + z] along the columns of the covariance's root, which are
     independent but for the ends.
@@ -165,8 +208,9 @@ def draws(
     root = np.linalg.cholesky(own)
     values = np.where(signed, np.maximum(start[:count], _HELD), start[:count])
     white = solve_triangular(root, values - mean[:count], lower=True)
-    kept = np.empty((_SWEEPS, count))
-    for sweep in range(-_WARMING, _SWEEPS):
+    sweeps = max(1, round(share * _SWEEPS))
+    kept = np.empty((sweeps, count))
+    for sweep in range(-_WARMING, sweeps):
         for i in range(count):
             way = root[:, i]
             rest = values - way * white[i]

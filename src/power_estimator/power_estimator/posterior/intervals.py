@@ -7,7 +7,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_estimator.drive_types import assign
-from power_estimator.effects.fit.blocks import for_each
+from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
@@ -21,6 +21,7 @@ from power_estimator.posterior.summary import MeterSummary, summarised
 _LEVELS = (0.025, 0.975)
 
 
+@one_thread_a_product()
 def posteriors(
     model: EffectModel, prepared: Prepared, base: BasePower | None = None
 ) -> list[MeterSummary]:

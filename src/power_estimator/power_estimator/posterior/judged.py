@@ -9,7 +9,7 @@ from scipy.special import expit, logit, logsumexp, ndtr
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.blocks import for_each
+from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
@@ -71,6 +71,7 @@ class JudgedEffects:
         )
 
 
+@one_thread_a_product()
 def judged_effects(
     prepared: Prepared,
     known: Sequence[Active],

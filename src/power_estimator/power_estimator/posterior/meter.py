@@ -16,7 +16,8 @@ from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.state import OtherDrives
 from power_estimator.posterior.discrepancy import Features, fourier, smooth_features
-from power_estimator.posterior.gaussian import NormalEquations, Weighed, marginalised
+from power_estimator.posterior.effect_columns import EffectColumns
+from power_estimator.posterior.gaussian import NormalEquations, Turned, Weighed, marginalised
 from power_estimator.posterior.priors import (
     BAD_CABLE,
     BLOCK,
@@ -26,7 +27,7 @@ from power_estimator.posterior.priors import (
     KINDS,
     SPIKE,
 )
-from power_estimator.posterior.sensors import SENSORS, sensor_columns
+from power_estimator.posterior.sensors import SENSORS, UNMOVED, SensorErrors
 
 Floats = NDArray[np.float64]
 Point = Mapping[str, tuple[Active, Floats]]
@@ -35,36 +36,6 @@ FRICTIONS: Final = ('viscous_friction', 'coulomb_friction', 'stribeck_friction')
 """Effects that the friction at 1 rad/s consists of, without load."""
 _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
-
-
-@dataclass(frozen=True)
-class EffectColumns:
-    """Linearised problem of one meter: watts per unit of prior spread at N rows."""
-
-    actives: tuple[Active, ...]
-    effects: Floats  # [N, n], scaled to the rms power
-    watts: Floats  # [n], coefficient in SI for one unit of effects
-    nuisance: Floats  # [N, z], prior spread 1: sensors and departures
-    smooth: Floats  # [N, a], prior spreads of DISCREPANCY, DEPARTING, and 1 for absent effects
-    absent: int  # columns of absent effects at the end of smooth
-    constant: Floats  # W [N]
-    friction: Floats  # [n + z], weights of the friction at 1 rad/s
-    causes: tuple[str, ...]  # of departures, and of smooth features but absent effects
-
-    def places(self, active: Active) -> slice:
-        """Columns of an effect."""
-        start = 0
-        for one in self.actives:
-            stop = start + len(one.effect.terms)
-            if one is active:
-                return slice(start, stop)
-            start = stop
-        raise KeyError(active.name)
-
-    def places_of(self, names: Sequence[str]) -> NDArray[np.intp]:
-        """Columns of effects by name."""
-        owners = [active.name for active in self.actives for _ in active.effect.terms]
-        return np.flatnonzero(np.isin(owners, list(names)))
 
 
 @dataclass(frozen=True)
@@ -89,6 +60,7 @@ class MeterProblem:
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
         self.absent: dict[tuple[object, ...], Floats] = {}
+        self._turned: Turned | None = None
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
         shown = self.power()[self.used]
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
@@ -107,10 +79,6 @@ class MeterProblem:
     def power(self) -> Floats:
         """Metered watts with the delay taken out [N]."""
         return np.asarray(self.prepared.power[self.place, :, 0], dtype=np.float64)
-
-    def summed(self, watts: Floats) -> Floats:
-        """Reduce W [T, D, …] to what the meter sees [N, …]."""
-        return np.asarray(self.prepared.reduced(watts).sum(axis=1))
 
     @cached_property
     def causes(self) -> Mapping[str, Floats]:
@@ -147,50 +115,64 @@ class MeterProblem:
         """The discrepancy's features."""
         return smooth_features(self.prepared)
 
+    @cached_property
+    def errors(self) -> SensorErrors:
+        """Errors of the sensors."""
+        return SensorErrors.of(self.signals)
+
     def columns(self, actives: Sequence[Active], point: Point) -> EffectColumns:
         """Linearise effects about a point, which has coefficients in SI by name."""
         chosen = [active for active, _ in point.values()]
         structure = Structure((*self.fixed, *chosen))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
         at = self.builder.point(structure, values[None])
-        raw = [self.builder.columns(active, at)[:, 0] for active in actives]
+        s, slope = at.signals, at.signals.motor_velocity + at.signals.torque_cost
+        powers = self._by_kind(point, s, slope)
+        departures, labels, at_one = self._departures(powers)
+        more = [at.power, *self.errors.watts(at.power, slope), *departures]
+        every = tuple({active.key: active for active in (*actives, *chosen)}.values())
+        found, beside = self.builder.columns_and(every, at, _over_drives(more))
+        of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
+        raw = [of[active.key] for active in actives]
         joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
         size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
+        power, nuisance = beside[:, 0, 0], beside[:, 0, 1:]
         linear = np.zeros(len(joined))
         for active, own in point.values():
-            linear += self.builder.columns(active, at)[:, 0] @ own
-        s = at.signals
-        slope = s.motor_velocity + s.torque_cost
-        power = self.summed(at.power[..., None])[:, 0]
+            linear += of[active.key] @ own
         metered = self._metered_share(power)
-        sensors = sensor_columns(self.summed, metered * at.power, s, metered * slope)
-        powers = {kind: metered * own for kind, own in self._by_kind(point, s, slope).items()}
-        departures, labels, at_one = self._departures(powers)
+        of_point = ~np.isin((*SENSORS, *labels), UNMOVED)
+        nuisance = nuisance * np.where(of_point, metered, 1.0)
+        bent, bent_causes = self._bent(powers, metered)
         keys = {active.key for active in actives}
         absent = [own for key, own in self.absent.items() if key not in keys]
-        smooth, causes = [self.rms * self.general.values], list(self.general.causes)
-        for kinds in (('friction', 'viscous'), ('copper',), ('shaft',)):
-            own_powers = [powers[kind] for kind in kinds if kind in powers]
-            if own_powers:
-                share = 0.1 if kinds == ('shaft',) else 1.0
-                watts = self.prepared.reduced(sum(own_powers[1:], own_powers[0]))
-                bent = (watts[..., None] * self._bends).sum(axis=1)
-                smooth.append(share * bent)
-                causes += [f'departures of {" and ".join(kinds)}'] * bent.shape[1]
-        smooth += absent
-        nuisance = np.concatenate([sensors, departures], axis=1)
         scaled = self._sizes(actives, point, raw) / size
         return EffectColumns(
             tuple(actives),
             joined * scaled,
             scaled,
             nuisance,
-            np.concatenate(smooth, axis=1),
-            sum(own.shape[1] for own in absent),
+            bent,
+            np.concatenate([np.empty((len(joined), 0)), *absent], axis=1),
             power - linear,
             _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
-            (*labels, *causes),
+            (*labels, *self.general.causes, *bent_causes),
         )
+
+    def _bent(self, powers: Mapping[str, Floats], metered: float) -> tuple[Floats, list[str]]:
+        """Smooth departures of each kind of power [N, b], with causes."""
+        bent, causes = [np.empty((len(self.used), 0))], []
+        for kinds, share in (
+            (('friction', 'viscous'), 1.0),
+            (('copper',), 1.0),
+            (('shaft',), 0.1),
+        ):
+            own_powers = [powers[kind] for kind in kinds if kind in powers]
+            if own_powers:
+                watts = self.prepared.reduced(sum(own_powers[1:], own_powers[0]))
+                bent.append((share * metered * watts[..., None] * self._bends).sum(axis=1))
+                causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
+        return np.concatenate(bent, axis=1), causes
 
     def _metered_share(self, power: Floats) -> float:
         """Factor that makes a point's power [N] no larger than what was metered.
@@ -227,13 +209,14 @@ class MeterProblem:
             by_speed = active.effect.acts_on == 'speed'
             acts: Floats | float = slope if by_torque else s.torque if by_speed else 1.0
             coefficients = np.repeat(own[None], drives, axis=0)
-            out[kind] = out.get(kind, 0.0) + weighted(active.columns(s), coefficients) * acts
+            own_w = weighted(self.builder.regressors(active, s), coefficients) * acts
+            out[kind] = out[kind] + own_w if kind in out else own_w
         return out
 
     def _departures(
         self, powers: Mapping[str, Floats]
-    ) -> tuple[Floats, Sequence[str], Mapping[int, tuple[str, float]]]:
-        """Departures of DEPARTURES [N, k] with causes; those of friction at 1 rad/s by column."""
+    ) -> tuple[list[Floats], list[str], Mapping[int, tuple[str, float]]]:
+        """Departures of DEPARTURES, W [T, D], with causes; of friction at 1 rad/s by column."""
         c = self.causes
         at_one: dict[int, tuple[str, float]] = {}
         columns: list[Floats] = []
@@ -250,17 +233,16 @@ class MeterProblem:
                     at_one[len(columns)] = kind, spread * one.get(form, 0.0)
                 columns.append(spread * watts * c[form])
                 causes.append(f'departures of {kind}')
-        return self.summed(np.stack(columns, axis=-1)), causes, at_one
+        return columns, causes, at_one
 
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
         """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""
         rows = np.flatnonzero(self.used)
-        a = np.concatenate([columns.effects, columns.nuisance, columns.smooth], axis=1)[rows]
+        parts = columns.effects, columns.nuisance, columns.bent, columns.absent, self._general_w
+        a = np.concatenate(parts, axis=1)[rows]
         y = (self.power() - columns.constant)[rows]
-        spread = np.ones(a.shape[1])
         count = columns.effects.shape[1]
-        spread[:count] = 0.1
-        spread[-columns.smooth.shape[1] :] = 0.01
+        spread = np.repeat([0.1, 1.0, 0.01, 0.01, 0.01], [own.shape[1] for own in parts])
         rate = len(self.used) / max(float(np.ptp(self.prepared.time)), 1e-9)
         # Operating points are independent of one another.
         count_of = len(rows) if self.prepared.steady else round(len(rows) / (rate * BLOCK))
@@ -286,7 +268,7 @@ class MeterProblem:
         everywhere = np.zeros(len(self.used))
         everywhere[rows] = weights
         tempering = max(self._overlapping(), float(meat / max(bread, 1e-12)))
-        self.noise = Noise(variance, everywhere, tempering)
+        self.noise, self._turned = Noise(variance, everywhere, tempering), None
         counts = Counter(active.name for active in columns.actives for _ in active.effect.terms)
         self.absent = {
             active.key: columns.effects[:, columns.places(active)]
@@ -302,60 +284,53 @@ class MeterProblem:
             return 1.0
         return max(1.0, window / float(np.median(np.diff(self.prepared.time))))
 
-    def weighed(self, columns: EffectColumns) -> Weighed:
-        """Weighted products of all columns with one another and with the power."""
+    @property
+    def _general_w(self) -> Floats:
+        return self.rms * self.general.values
+
+    def _weights(self) -> tuple[NDArray[np.intp], Floats]:
+        """Rows that count, and the roots of their weights."""
         assert self.noise is not None
         weights = self.noise.weights / (self.noise.variance * self.noise.tempering)
         rows = np.flatnonzero(weights)
-        a = np.concatenate([columns.effects, columns.nuisance, columns.smooth], axis=1)[rows]
-        root = np.sqrt(weights[rows])[:, None]
+        return rows, np.sqrt(weights[rows])[:, None]
+
+    def weighed(self, columns: EffectColumns) -> Weighed:
+        """Weighted products of all columns with one another and with the power."""
+        rows, root = self._weights()
+        if self._turned is None:
+            power = self.prepared.power[:, rows, 0].T.astype(np.float64)
+            self._turned = Turned.of(self._general_w[rows] * root, power * root)
+        parts = columns.effects, columns.nuisance, columns.bent, columns.absent
+        a = np.concatenate(parts, axis=1)[rows]
         a *= root
-        y = self.prepared.power[:, rows, 0].T.astype(np.float64) - columns.constant[rows, None]
-        y *= root
-        return Weighed(a.T @ a, a.T @ y, np.square(y).sum(axis=0))
+        return self._turned.beside(a, columns.constant[rows] * root[:, 0])
 
     def normals(self, columns: EffectColumns) -> list[NormalEquations]:
         """Normal equations at each size of the discrepancy, for all delays of the power."""
-        general, absent = self.general.values.shape[1], columns.absent
-        groups = general, columns.smooth.shape[1] - general - absent, absent
+        groups = columns.bent.shape[1], columns.absent.shape[1]
         return marginalised(self.weighed(columns), groups, (DISCREPANCY, DEPARTING))
 
+    def smooth(
+        self, columns: EffectColumns, normal: NormalEquations, mean: Floats, place: int
+    ) -> Floats:
+        """Watts of the discrepancy's features and of bent columns [N, a + b].
 
-def apart(
-    columns: EffectColumns,
-    used: NDArray[np.bool_],
-    places: slice,
-    names: Sequence[str],
-    *,
-    gain: bool = True,
-) -> Floats:
-    """Columns of an effect less what others by name, and the meter's gain, take over [N, n]."""
-    taken = columns.places_of(names)
-    taken = taken[(taken < places.start) | (taken >= places.stop)]
-    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, : int(gain)]], axis=1)
-    return less(columns.effects[:, places], base, used)
+        mean: of effects and nuisances [n + z].
+        """
+        weights = self.weighed(columns).smooth(normal, mean, place)
+        assert self._turned is not None
+        bent, absent = columns.bent.shape[1], columns.absent.shape[1]
+        general = self._turned.turn @ weights[bent + absent :]
+        return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
 
 
-def explained(
-    columns: EffectColumns,
-    used: NDArray[np.bool_],
-    active: Active,
-    values: Floats,
-    names: Sequence[str],
-    *,
-    gain: bool = True,
-) -> Floats:
-    """W rms [s] of an effect's coefficients [s, n] that others by name cannot take over."""
-    own = apart(columns, used, columns.places(active), names, gain=gain)[used]
-    gram = own.T @ own / len(own)
-    return np.sqrt(np.maximum(np.einsum('si,ij,sj->s', values, gram, values), 0.0))
-
-
-def less(own: Floats, base: Floats, used: NDArray[np.bool_]) -> Floats:
-    """Columns [N, n] less their regression on others [N, m] over the used rows."""
-    base = base / np.maximum(np.sqrt(np.mean(base[used] ** 2, axis=0)), 1e-12)
-    weights, *_ = np.linalg.lstsq(base[used], own[used], rcond=None)
-    return np.asarray(own - base @ weights)
+def _over_drives(watts: Sequence[Floats]) -> Floats:
+    """What one meter sees of many [T, D] → [T, 1, n]."""
+    out = np.empty((len(watts[0]), 1, len(watts)))
+    for place, own in enumerate(watts):
+        out[:, 0, place] = own[:, 0] if own.shape[1] == 1 else own.sum(axis=1)
+    return out
 
 
 def _friction_at_one(

@@ -11,9 +11,10 @@ from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
-from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
+from power_estimator.posterior.meter import MeterProblem, Point
 from power_estimator.posterior.odds import has_wholes, prior_of
 from power_estimator.posterior.priors import (
     ALIKE,

@@ -1,6 +1,6 @@
 """Errors of the measurement as columns, scaled to what such sensors are known for."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,6 +34,8 @@ SENSORS: Final[Mapping[str, Sensor]] = {
     'meter_filter': Sensor('s²', 5e-6),
 }
 SCALES: Final = ('power_gain', 'torque_scale')
+UNMOVED: Final = ('current_offset', 'offset_drift', 'velocity_lag')
+"""Errors that have nothing to do with what a model takes the power to be."""
 AT_MOTOR: Final = 0.2
 """Torque by a current and a constant is off by a fifth, a torque sensor by a tenth."""
 _SLIP: Final = 0.05  # of the rms torque, over which a sensor's hysteresis turns round
@@ -54,34 +56,55 @@ def spreads(signals: Signals) -> Mapping[str, float]:
     return out
 
 
-def sensor_columns(
-    summed: Callable[[Floats], Floats], power: Floats, s: Signals, slope: Floats
-) -> Floats:
-    """Watts of one spread of each error, in the order of SENSORS [N, z].
+@dataclass(frozen=True)
+class SensorErrors:
+    """Watts of one spread of each error, as far as no estimate of the power moves them."""
 
-    summed: what a meter sees of watts [T, D, …].
-    """
-    moves = float(not s.steady)  # operating points are in no order
-    minutes = moves * (s.time - s.time.mean())[:, None] / 60.0
-    fast = np.sqrt(np.mean(s.torque_rate**2, axis=0)) + 1e-9
-    rate = moves * np.gradient(power, 1.0 / s.rate, axis=0)
-    given: Mapping[str, Callable[[], Floats]] = {
-        'power_gain': lambda: power,
-        'torque_scale': lambda: s.torque * slope,
-        'current_offset': lambda: s.voltage / s.voltage.shape[1],
-        'offset_drift': lambda: s.voltage / s.voltage.shape[1] * minutes,
-        'torque_bias': lambda: slope,
-        'torque_hysteresis': lambda: slope * np.tanh(3.0 * s.torque_rate / fast),
-        'torque_slip': lambda: moves * slope * slip(s.torque),
-        'velocity_lag': lambda: s.torque * s.acceleration,
-        'torque_lag': lambda: slope * s.torque_rate,
-        'time_offset': lambda: -rate,
-        # A low-pass whose delay is out: T²/2 times the second rate.
-        'meter_filter': lambda: np.gradient(rate, 1.0 / s.rate, axis=0),
-    }
-    known = spreads(s)
-    columns = [np.broadcast_to(known[name] * given[name](), s.torque.shape) for name in SENSORS]
-    return summed(np.stack(columns, axis=-1))
+    signals: Signals
+    spread: Floats  # of each of SENSORS, in its unit
+    hysteresis: Floats  # −1 to 1 [T, D]
+    slipped: Floats  # the same, of a sensor's play
+
+    @classmethod
+    def of(cls, signals: Signals) -> 'SensorErrors':
+        """Take the errors' spreads and forms from the signals of a meter's drives."""
+        fast = np.sqrt(np.mean(signals.torque_rate**2, axis=0)) + 1e-9
+        moves = float(not signals.steady)  # operating points are in no order
+        return cls(
+            signals,
+            np.array([*spreads(signals).values()]),
+            np.tanh(3.0 * signals.torque_rate / fast),
+            moves * slip(signals.torque),
+        )
+
+    def watts(self, power: Floats, slope: Floats) -> list[Floats]:
+        """Errors [T, D] in the order of SENSORS, in one spread.
+
+        power: W [T, D]; slope: of the power by the torque, W/(N·m) [T, D].
+        """
+        s = self.signals
+        moves = float(not s.steady)
+        minutes = moves * (s.time - s.time.mean())[:, None] / 60.0
+        voltage = s.voltage / s.voltage.shape[1]
+        rate = moves * np.gradient(power, 1.0 / s.rate, axis=0)
+        errors = {
+            'power_gain': power,
+            'torque_scale': s.torque * slope,
+            'current_offset': voltage,
+            'offset_drift': voltage * minutes,
+            'torque_bias': slope,
+            'torque_hysteresis': slope * self.hysteresis,
+            'torque_slip': slope * self.slipped,
+            'velocity_lag': s.torque * s.acceleration,
+            'torque_lag': slope * s.torque_rate,
+            'time_offset': -rate,
+            # A low-pass whose delay is out: T²/2 times the second rate.
+            'meter_filter': np.gradient(rate, 1.0 / s.rate, axis=0),
+        }
+        return [
+            np.broadcast_to(spread * errors[name], s.torque.shape)
+            for name, spread in zip(SENSORS, self.spread, strict=True)
+        ]
 
 
 def slip(torque: Floats) -> Floats:

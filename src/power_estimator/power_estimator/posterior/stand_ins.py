@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
-from power_estimator.posterior.meter import explained
+from power_estimator.posterior.effect_columns import explained
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import MIMICS
 from power_estimator.posterior.search import Chosen, EffectSearch

@@ -8,15 +8,13 @@ from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.effect_columns import EffectColumns, explained, less
 from power_estimator.posterior.fitted_set import cells, signs
 from power_estimator.posterior.gaussian import draws
 from power_estimator.posterior.meter import (
     FRICTIONS,
-    EffectColumns,
     MeterProblem,
     Point,
-    explained,
-    less,
 )
 from power_estimator.posterior.priors import MISFIT
 from power_estimator.posterior.sensors import SCALES, SENSORS, spreads
@@ -60,8 +58,7 @@ def summarised(
     for cell, weight in zip(found, weights, strict=True):
         if weight >= _LEAST:
             begun = cell.solution.mean
-            own = draws(cell.normal, place, cell.sizes, begun, signed, random)
-            taken.append(own[: max(1, round(weight * len(own)))])
+            taken.append(draws(cell.normal, place, cell.sizes, begun, signed, random, weight))
     drawn = np.concatenate(taken)
     best = found[int(np.argmax(weights))]
     count = len(signed)
@@ -71,11 +68,9 @@ def summarised(
     units = spreads(meter.signals)
     nuisance = drawn[:, count:]
     mean = best.solution.mean
-    there = columns.smooth.shape[1] - columns.absent
-    weights_of = meter.weighed(columns).smooth(best.normal, mean, place)[:there]
-    departures = slice(len(SENSORS), None)
-    parts = np.concatenate([columns.nuisance[:, departures], columns.smooth[:, :there]], axis=1)
-    parts = parts[meter.used] * np.concatenate([mean[count:][departures], weights_of])
+    departures = columns.nuisance[:, len(SENSORS) :] * mean[count:][len(SENSORS) :]
+    smooth = meter.smooth(columns, best.normal, mean, place)
+    parts = np.concatenate([departures, smooth], axis=1)[meter.used]
     together = parts.sum(axis=1)
     size = rms(together)
     # Known effects and the meter's gain are free: what they take, the discrepancy gives back.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects import Signals
+from power_estimator.effects.fit.blocks import one_thread_a_product
 from power_estimator.effects.fit.design import Structure, evaluate
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.judge.judge import Judge
@@ -138,6 +139,7 @@ class Budget:
         return found
 
 
+@one_thread_a_product()
 def budget(
     judge: Judge,
     model: EffectModel,

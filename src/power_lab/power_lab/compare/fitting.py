@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import one_thread_a_product
 from power_estimator.effects.fit.design import Active, Prior
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import fit_model
@@ -14,6 +15,7 @@ from power_estimator.posterior.priors import MOST_SECONDS
 from wattwalk_core.errors import InputError
 
 
+@one_thread_a_product()
 def fitted(
     judge: Judge,
     effects: Sequence[Active],

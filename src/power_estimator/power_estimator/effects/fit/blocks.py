@@ -1,7 +1,9 @@
 """Blocks of a second, and the normal equations of each."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
@@ -19,6 +21,9 @@ Item = TypeVar('Item')
 Result = TypeVar('Result')
 
 
+_sharing: ContextVar[int | None] = ContextVar('sharing', default=None)
+
+
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Return the function's results in the order of the items.
 
@@ -26,12 +31,27 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
     meanwhile: whoever limits those limits these. The results do not depend on the number of
     threads; the function must not change what it shares.
     """
-    controller = _controller()
-    threads = min(_allowed(controller), len(items))
+    threads = min(_sharing.get() or _allowed(_controller()), len(items))
     if threads < 2:
         return [function(item) for item in items]
-    with controller.limit(limits=1, user_api='blas'), ThreadPoolExecutor(threads) as pool:
+    with one_thread_a_product(), ThreadPoolExecutor(threads) as pool:
         return list(pool.map(function, items))
+
+
+@contextmanager
+def one_thread_a_product() -> Iterator[None]:
+    """Give each matrix product one thread, and `for_each` the others, as many as there were.
+
+    Products of a few hundred columns gain nothing from a second thread, and wait for it thirty
+    times as long as they take where another process has the core.
+    """
+    controller = _controller()
+    before = _sharing.set(_sharing.get() or _allowed(controller))
+    try:
+        with controller.limit(limits=1, user_api='blas'):
+            yield
+    finally:
+        _sharing.reset(before)
 
 
 @cache

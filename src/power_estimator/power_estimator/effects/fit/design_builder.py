@@ -96,7 +96,7 @@ class DesignBuilder:
 
     def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:
         signals = self.prepared.signals
-        signals = estimates(structure, coefficients, signals, self.base, self._columns)
+        signals = estimates(structure, coefficients, signals, self.base, self.regressors)
         power = signals.drawn.copy()
         passed: Floats | None = None
         for active, own in by_effect(structure, coefficients):
@@ -137,23 +137,53 @@ class DesignBuilder:
 
     def columns(self, active: Active, point: Linearisation) -> Floats:
         """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
-        signals, effect = point.signals, active.effect
-        if effect.acts_on == 'speed':
-            return self.prepared.reduced(self._by_speed(active, point))
-        if effect.acts_on == 'torque':
-            price = (signals.motor_velocity + signals.torque_cost)[..., None]
-            power = self._columns(active, signals) * price
-        elif effect.follows or point.passed is not None:
-            power = self._columns(active, signals)
-        else:
-            return self._reduced_once(active, signals)
-        if point.passed is not None and 'drawn' not in effect.follows:
-            power = power * point.passed[..., None]
-        return self.prepared.reduced(power)
+        if self._lasts(active, point):
+            return self._reduced_once(active, point.signals)
+        return self.prepared.reduced(self._seen(self._derivatives(active, point)))
+
+    def columns_and(
+        self, actives: Sequence[Active], point: Linearisation, more: Floats
+    ) -> tuple[list[Floats], Floats]:
+        """Reduced columns of effects, and others [T, D, k] beside them, at one go."""
+        parts = [
+            None if self._lasts(a, point) else self._seen(self._derivatives(a, point))
+            for a in actives
+        ]
+        given = [part for part in parts if part is not None]
+        joined = self.prepared.reduced(np.concatenate([*given, more], axis=2))
+        found, start = [], 0
+        for active, part in zip(actives, parts, strict=True):
+            if part is None:
+                found.append(self._reduced_once(active, point.signals))
+            else:
+                found.append(joined[..., start : start + part.shape[2]])
+                start += part.shape[2]
+        return found, joined[..., start:]
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
         """Return the part of the model's power at the point that its columns lack, W [N, D]."""
         return self.prepared.reduced(point.power) - modelled(columns, point.coefficients)
+
+    def _seen(self, power: Floats) -> Floats:
+        """What a meter sees of the drives' power [T, D, n]: that of one drive."""
+        return power
+
+    def _lasts(self, active: Active, point: Linearisation) -> bool:
+        """Return whether no estimate moves the columns of an effect."""
+        effect = active.effect
+        return effect.acts_on == 'power' and not effect.follows and point.passed is None
+
+    def _derivatives(self, active: Active, point: Linearisation) -> Floats:
+        """Derivatives of the drives' power by one effect's coefficients, [T, D, n]."""
+        signals, effect = point.signals, active.effect
+        if effect.acts_on == 'speed':
+            return self._by_speed(active, point)
+        power = self.regressors(active, signals)
+        if effect.acts_on == 'torque':
+            power = power * (signals.motor_velocity + signals.torque_cost)[..., None]
+        if point.passed is not None and 'drawn' not in effect.follows:
+            power = power * point.passed[..., None]
+        return power
 
     def _by_speed(self, active: Active, point: Linearisation) -> Floats:
         """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
@@ -171,17 +201,19 @@ class DesignBuilder:
             columns.append((self.point(structure, moved).power - point.power) / _SPEED_STEP)
         return np.stack(columns, axis=-1)
 
-    def _columns(self, active: Active, signals: Signals) -> Floats:
+    def regressors(self, active: Active, signals: Signals) -> Floats:
+        """Regressors [T, D, n] of an effect, made once where no estimate moves them."""
         if active.effect.follows or signals.motor_velocity is not signals.velocity:
             return active.columns(signals)
         return self._instant.get(active.key, lambda: active.columns(signals), _bytes)
 
     def _reduced_once(self, active: Active, signals: Signals) -> Floats:
+        def reduced() -> Floats:
+            return self.prepared.reduced(self._seen(active.columns(signals)))
+
         if signals.motor_velocity is not signals.velocity:
-            return self.prepared.reduced(active.columns(signals))
-        return self._reduced.get(
-            active.key, lambda: self.prepared.reduced(active.columns(signals)), _bytes
-        )
+            return reduced()
+        return self._reduced.get(active.key, reduced, _bytes)
 
 
 def _bytes(values: Floats) -> int:

@@ -96,12 +96,12 @@ class WholeBuilder(DesignBuilder):
         drives = len(self.prepared.signals.names)
         return super()._point(structure, np.repeat(coefficients[:1], drives, axis=0))
 
-    def columns(self, active: Active, point: Linearisation) -> Floats:
-        """Reduced derivatives of the robot's power, [N, 1, n]."""
-        return super().columns(active, point).sum(axis=1, keepdims=True)
+    def _seen(self, power: Floats) -> Floats:
+        """What the meter sees of the drives' power [T, D, n]: their sum [T, 1, n]."""
+        return power.sum(axis=1, keepdims=True)
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
         """Return the part of the robot's power at the point that its columns lack, W [N, 1]."""
-        power = self.prepared.reduced(point.power).sum(axis=1, keepdims=True)
+        power = self.prepared.reduced(self._seen(point.power))
         known: Floats = np.einsum('tdn,dn->td', columns, point.coefficients[:1])
         return power - known

@@ -1,0 +1,78 @@
+"""Linearised problem of one meter, and what some of its columns take over of others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects.fit.design import Active
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EffectColumns:
+    """Linearised problem of one meter: watts per unit of prior spread at N rows."""
+
+    actives: tuple[Active, ...]
+    effects: Floats  # [N, n], scaled to the rms power
+    watts: Floats  # [n], coefficient in SI for one unit of effects
+    nuisance: Floats  # [N, z], prior spread 1: sensors and departures
+    bent: Floats  # [N, b], prior spreads of DEPARTING: smooth departures
+    absent: Floats  # [N, c], prior spread 1
+    constant: Floats  # W [N]
+    friction: Floats  # [n + z], weights of the friction at 1 rad/s
+    causes: tuple[str, ...]  # of departures, of the discrepancy's features and of bent columns
+
+    def places(self, active: Active) -> slice:
+        """Columns of an effect."""
+        start = 0
+        for one in self.actives:
+            stop = start + len(one.effect.terms)
+            if one is active:
+                return slice(start, stop)
+            start = stop
+        raise KeyError(active.name)
+
+    def places_of(self, names: Sequence[str]) -> NDArray[np.intp]:
+        """Columns of effects by name."""
+        owners = [active.name for active in self.actives for _ in active.effect.terms]
+        return np.flatnonzero(np.isin(owners, list(names)))
+
+
+def apart(
+    columns: EffectColumns,
+    used: NDArray[np.bool_],
+    places: slice,
+    names: Sequence[str],
+    *,
+    gain: bool = True,
+) -> Floats:
+    """Columns of an effect less what others by name, and the meter's gain, take over [N, n]."""
+    taken = columns.places_of(names)
+    taken = taken[(taken < places.start) | (taken >= places.stop)]
+    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, : int(gain)]], axis=1)
+    return less(columns.effects[:, places], base, used)
+
+
+def explained(
+    columns: EffectColumns,
+    used: NDArray[np.bool_],
+    active: Active,
+    values: Floats,
+    names: Sequence[str],
+    *,
+    gain: bool = True,
+) -> Floats:
+    """W rms [s] of an effect's coefficients [s, n] that others by name cannot take over."""
+    own = apart(columns, used, columns.places(active), names, gain=gain)[used]
+    gram = own.T @ own / len(own)
+    return np.sqrt(np.maximum(np.einsum('si,ij,sj->s', values, gram, values), 0.0))
+
+
+def less(own: Floats, base: Floats, used: NDArray[np.bool_]) -> Floats:
+    """Columns [N, n] less their regression on others [N, m] over the used rows."""
+    base = base / np.maximum(np.sqrt(np.mean(base[used] ** 2, axis=0)), 1e-12)
+    weights, *_ = np.linalg.lstsq(base[used], own[used], rcond=None)
+    return np.asarray(own - base @ weights)
