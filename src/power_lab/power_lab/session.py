@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
@@ -20,7 +19,7 @@ from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.budget import Budget, budget
-from power_lab.budget.choice import chosen_effects, judge_of_pieces
+from power_lab.budget.choice import chosen_model, held_out_w, judge_of_pieces
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.fitting import extended, fitted, named_effects, refitted
 from power_lab.discover.outcome import DiscoveryOutcome, discover
@@ -131,23 +130,20 @@ class Session:
         """
         how: dict[str, Any] = {'changes': changes, 'battery': battery, 'seed': seed}
         if self.given is None:
-            some = Session(judge_of_pieces(self.judge))
-            # Its intervals are not asked for: the budget draws its own on these recordings.
-            best: dict[str, Any] = {'name': 'chosen', 'seed': seed, 'intervals': False}
-            model = some.fit(chosen_effects(some.judge), **best).effects
-            error = float(np.sqrt(np.mean(np.square([*model.history[-1]['rmse_w'].values()]))))
-            del some  # what it keeps of the signals is large
-            return budget(self.judge, model, chosen=True, error_w=error, **how)
+            model = chosen_model(judge_of_pieces(self.judge), seed)
+            return budget(self.judge, model, chosen=True, error_w=held_out_w(model), **how)
         if not self.effects.fitted:
             return self.fit(self.effects.effects, name=self.effects.name).budget(**how)
         return budget(self.judge, self.effects, **how)
 
-    def diagnose(self, seed: int = 0) -> 'Outcome':
-        """Find the effects that the model misses."""
+    def diagnose(
+        self, seed: int = 0, show: Callable[[str], None] = lambda text: None
+    ) -> 'Outcome':
+        """Find the effects that the model misses; show takes what is being done."""
         from power_lab.diagnose.outcome import diagnose  # slow to import: the judge
 
         spec = self.spec or self.model.name
-        return diagnose(self.recordings, self.model, spec, self.judge.catalogue, seed)
+        return diagnose(self.recordings, self.model, spec, self.judge.catalogue, seed, show)
 
     def discover(
         self,

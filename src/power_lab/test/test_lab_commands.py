@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shlex
 import shutil
 import textwrap
 
@@ -71,7 +72,10 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert 'active effects' in shown
 
     better, compared = tmp_path / 'better.yaml', tmp_path / 'c.json'
-    arguments = ['load_friction', '--to', str(base), '--bag', str(bag), '-o', str(better)]
+    program, arguments = shown.splitlines()[-1].split(' add ')
+    assert program == 'next: ros2 run power_lab'
+    arguments = shlex.split(arguments.replace('better.yaml', str(better)))
+    assert arguments[:3] == ['load_friction', '--to', str(base)]
     assert add_command(arguments) == 0
     assert [e['step'] for e in yaml.safe_load(better.read_text())['history']] == ['fit', 'add']
     models = [str(base), str(better), 'mechanical_power']

@@ -97,7 +97,7 @@ def test_a_name_stands_beside_what_no_effect_explains():
     found = diagnose({'fan': 1.0, 'load_friction': 2.0})
     assert found.verdict == 'named'
     assert found.effects == ('load_friction',)
-    assert f'{found.residual.rms_w:.2f} W stays unexplained' in remainder(found)
+    assert f'{found.residual.rms_w:.2f} W rms stays unexplained' in remainder(found)
     assert found.residual.noise_w == pytest.approx(0.1, abs=0.03)
     assert f"; the meter's noise is {found.residual.noise_w:.2f} W" in remainder(found)
 

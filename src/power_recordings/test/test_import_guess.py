@@ -26,6 +26,21 @@ def guessed(folder, capsys, columns):
     return Recording.open(folder / 'bag'), {line.partition(':')[0]: line for line in lines}
 
 
+def test_several_logs_of_the_same_columns_have_one_map(tmp_path, capsys):
+    table = np.stack([T, SPEED, TORQUE, SHAFT], axis=1)
+    head = 'time_s,speed_rpm,torque_nm,power_w'
+    logs = [str(csv(tmp_path / f'{name}.csv', table, head)) for name in ('a', 'b')]
+    logs.append(str(csv(tmp_path / 'c.csv', table[:, :2], 'time_s,speed_rpm')))
+    capsys.readouterr()
+    assert main([*logs, '--list']) == 0
+    text = capsys.readouterr().out
+    assert f'# {logs[1]}: 4 columns, the same' in text
+    assert f'# {logs[2]}: 2 columns, others: list it by itself' in text
+    (tmp_path / 'map.yaml').write_text(text)
+    output = str(tmp_path / 'bag')
+    assert main([*logs[:2], '--map', str(tmp_path / 'map.yaml'), '-o', output]) == 0
+
+
 def test_a_speed_without_unit_is_in_rpm_where_physics_says_so(tmp_path, capsys):
     amps = (1.2 * SHAFT + 0.1 * TORQUE**2 + 1 + NOISE) / 48
     columns = {'time_s': T, 'speed': SPEED, 'torque_nm': TORQUE, 'bus_voltage': 48 + NOISE}
@@ -102,6 +117,12 @@ def test_a_torque_that_is_held_is_a_command_where_a_sensor_is(tmp_path, capsys):
     assert recording.joint_states().names == ('LOAD', 'TEST')
     assert 'from: loadcell_torque_nm' in lines['torque']
     assert 'test_torque (changes in' in lines['torque']
+    text = (tmp_path / 'map.yaml').read_text()
+    assert '    # motor_current: {from: test_torque, unit: A}' in text
+    both = tmp_path / 'both.yaml'
+    both.write_text(text.replace('# motor_current', 'motor_current'))
+    arguments = [str(tmp_path / 'log.csv'), '--map', str(both), '-o', str(tmp_path / 'sides')]
+    assert main(arguments) == 0
 
 
 def test_a_product_of_other_columns_is_recognised_and_a_meter_is_not(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,19 +15,32 @@ if TYPE_CHECKING:
     from rich.console import Console  # slow to import, and parsers import this file
     from rich.text import Text
 
+_EACH = 10.0  # s between lines of progress in a file
 PICTURES = ('.png', '.svg', '.pdf')
 
 
 @contextmanager
 def progress(text: str) -> Iterator[Callable[[str], None]]:
-    """Show a text and the time since the start on stderr; the value changes the text."""
+    """Show a text and the time since the start on stderr; the value changes the text.
+
+    Where that is no terminal, a line stands there each ten seconds.
+    """
     from rich.console import Console  # slow to import, and parsers import this file
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn('{task.description}'), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
-        task = shown.add_task(text)
-        yield lambda description: shown.update(task, description=description)
+        task, begun, last = shown.add_task(text), time.monotonic(), 0.0
+
+        def show(description: str) -> None:
+            nonlocal last
+            shown.update(task, description=description)
+            seconds = time.monotonic() - begun
+            if seconds - last >= _EACH and not sys.stderr.isatty():
+                last = seconds
+                print(f'{seconds:.0f} s: {description}', file=sys.stderr, flush=True)
+
+        yield show
 
 
 def output(width: int = 100) -> 'Console':

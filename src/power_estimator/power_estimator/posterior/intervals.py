@@ -43,6 +43,37 @@ def posteriors(
     return for_each(summary, range(len(prepared.names)))
 
 
+def posterior_draws(
+    model: EffectModel, prepared: Prepared, count: int, random: np.random.Generator
+) -> Floats:
+    """Draw a model's coefficients for each drive [R, D, m].
+
+    Drives that share coefficients have those of one of them, another in each draw: drives of one
+    design depart from the formulas alike, and their means keep the error.
+    """
+    summaries = posteriors(model, prepared)
+    drives = prepared.signals.names
+    free = [active.effect for active in model.structure.actives if active.effect.fixed is None]
+    picks = random.random((len(summaries), count))
+    found = []
+    for d, drive in enumerate(drives):
+        meter = 0 if prepared.whole else d
+        own = summaries[meter].coefficients
+        parts = [
+            own.get(f'{effect.name}@{drive}', own.get(effect.name, np.empty(0)))
+            * share_of(effect, prepared, d)
+            for effect in free
+        ]
+        chosen = (picks[meter] * len(parts[0])).astype(np.intp)
+        found.append(np.concatenate(parts, axis=1)[chosen])
+    out = np.stack(found, axis=1)
+    for alike in assign(drives, [group.type for group in model.groups]).values():
+        if not prepared.whole:
+            one = np.asarray(alike)[random.integers(len(alike), size=count)]
+            out[:, alike] = out[np.arange(count), one][:, None]
+    return out
+
+
 def with_intervals(
     model: EffectModel, prepared: Prepared, base: BasePower | None = None
 ) -> EffectModel:

@@ -1,6 +1,6 @@
 """Judgement of prepared signals by the posterior: probabilities, scales, and what is left."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -77,8 +77,9 @@ def judged_effects(
     known: Sequence[Active],
     catalogue: Catalogue,
     base: BasePower | None = None,
+    show: Callable[[str], None] = lambda text: None,
 ) -> JudgedEffects:
-    """Judge which effects of a catalogue a model of known ones lacks."""
+    """Judge which effects of a catalogue a model of known ones lacks; show: how far it is."""
     prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
     signals = prepared.signals
     names = {active.name.partition('@')[0] for active in known}
@@ -90,7 +91,7 @@ def judged_effects(
         # Iron loss whose current heats the winding is friction by another name.
         if not shape.get('carried')
     ]
-    search = EffectSearch(prepared, known, lacking, base)
+    search = EffectSearch(prepared, known, lacking, base, show)
     chosen = search.run()
     points = search.settled(chosen)
     taken = [search.actives[i] for i in sorted(chosen)]

@@ -1,7 +1,7 @@
 """Search of the sets of effects that a model may miss, and their probabilities."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.special import logit, logsumexp
@@ -39,8 +39,12 @@ class EffectSearch:
         known: Sequence[Active],
         candidates: Sequence[Active],
         base: BasePower | None = None,
+        show: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """known: effects of the model; candidates: shapes of effects that it may lack."""
+        """known: effects of the model; candidates: shapes of effects that it may lack.
+
+        show: what takes the number of sets that were fitted.
+        """
         count = len(prepared.names)
         alone = count == 1
         fixed = [active for active in known if active.effect.fixed is not None]
@@ -72,6 +76,7 @@ class EffectSearch:
         self.pooled = 1.0 / (1.0 + (len(self.meters) - 1) * ALIKE)
         self.made: list[EffectColumns] = []
         self._normals: dict[int, list[NormalEquations]] = {}
+        self._show, self._fits = show, 0
 
     def run(self) -> Chosen:
         """Return the most probable set; judge its neighbours at their own points."""
@@ -175,6 +180,8 @@ class EffectSearch:
         if key not in self.judged:
             own = [self.actives[i] for i in key]
             self.judged[key] = for_each(lambda m: self._fitted(m, own), range(len(self.meters)))
+            self._fits += 1
+            self._show(f'{self._fits} sets of effects are fitted')
         return self.judged[key]
 
     def _fitted(self, m: int, actives: Sequence[Active]) -> FittedSet:

@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
             how = {'engine': engine, 'show': show, **common.reading_of(options)}
             lab = Session.open(*options.bags, catalogue=catalogue, **how)
         show('diagnosing')
-        outcome = lab.load(options.model).diagnose(options.seed)
+        outcome = lab.load(options.model).diagnose(options.seed, show)
         loaded, content = lab.recordings, outcome.json()
     for line in balance_lines(loaded.data, power_balances(loaded.data)):
         print(line)
@@ -46,4 +46,11 @@ def run(options: argparse.Namespace) -> int:
         print(f'to record next: {options.motion}')
     if options.report:
         print(f'report: {options.report}')
+    if outcome.next_effects and options.model.endswith('.yaml'):
+        model = ('--to', options.model, '-o', 'better.yaml')
+        print(common.next_command('add', options, *outcome.next_effects, *model))
+    elif outcome.verdict == 'none_of_the_above' and not outcome.prepared.whole:
+        print(
+            common.next_command('discover', options, '--model', options.model, '-o', 'effect.py')
+        )
     return 0

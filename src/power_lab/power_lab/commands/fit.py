@@ -67,4 +67,5 @@ def run(options: argparse.Namespace) -> int:
         print(note)
     errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())
     print(f'wrote {options.output}; held-out error: {errors}')
+    print(common.next_command('diagnose', options, '--model', options.output))
     return 0

@@ -1,6 +1,8 @@
 """Recordings, models and effects that options name, and the console of tables."""
 
 import argparse
+import shlex
+import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -14,6 +16,7 @@ from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 
 _WORTH_WORKERS: Final = 100_000_000  # bytes
+_WIDE: Final = 140  # columns, for tables that are read in a file
 
 
 def reading_engine(
@@ -41,6 +44,22 @@ def reading_of(options: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names}
 
 
+def next_command(command: str, options: argparse.Namespace, *more: object) -> str:
+    """The line that tells what to type next on the same recordings, with the same choices.
+
+    more: what the command takes beside them.
+    """
+    words = [command, *map(str, more), *(['--bag'] if command == 'add' else [])]
+    words[1:1] = [] if command == 'add' else map(str, options.bags)
+    words += map(str, options.bags) if command == 'add' else []
+    for name in ('drives', 'without', 'effects_path'):
+        chosen = [str(one) for one in getattr(options, name)]
+        words += [f'--{name.replace("_", "-")}', *chosen] if chosen else []
+    words += ['--slow-meter'] if options.slow else []
+    words += ['--anyway'] if options.anyway else []
+    return f'next: ros2 run power_lab {shlex.join(words)}'
+
+
 def console() -> Console:
-    """Console of tables, on stdout."""
-    return Console(highlight=False, soft_wrap=False)
+    """Console of tables, on stdout; wide where that is no terminal."""
+    return Console(width=None if sys.stdout.isatty() else _WIDE, highlight=False, soft_wrap=False)

@@ -1,6 +1,6 @@
 """Diagnosis of a model: the posterior of what it lacks, beside errors on held-out data."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,21 +44,26 @@ class AddedEffects:
 
 
 def diagnosed(
-    material: Material, known: Sequence[Active], catalogue: Catalogue, seed: int = 0
+    material: Material,
+    known: Sequence[Active],
+    catalogue: Catalogue,
+    seed: int = 0,
+    show: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """Say which effects a model of known ones lacks, in one robot's recordings together."""
     structure = material.structure(known)
     own, terms, delays = together(material, structure, catalogue)
     fits = AddedEffects(own, structure.plus(*terms), seed)
     physics = [active for active in fits.structure.actives if active.effect.kind == 'physics']
-    found = judged_effects(own.prepared, physics, catalogue, own.base_power)
+    found = judged_effects(own.prepared, physics, catalogue, own.base_power, show)
     apart: dict[str, Floats] = {}
     if has_own_terms(fits.structure):
         fit = fits.added(found.added).fit
         apart = _apart(fit)
         found = judged_effects(
-            _alike(own.prepared, fit, apart), physics, catalogue, own.base_power
+            _alike(own.prepared, fit, apart), physics, catalogue, own.base_power, show
         )
+    show('holding the effects against held-out data')
     if delays.any():
         apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
     best = fits.added(found.named, 3) if found.named else fits.base

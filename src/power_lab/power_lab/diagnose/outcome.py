@@ -1,6 +1,6 @@
 """Diagnose a model on recordings: from files to the outcome that is printed and written."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -56,6 +56,12 @@ class Outcome:
     def sentence(self) -> str:
         """The verdict in words."""
         return sentence(self.diagnosis, *self._errors)
+
+    @property
+    def next_effects(self) -> tuple[str, ...]:
+        """Effects to add to the model, none where held-out data does not bear them out."""
+        before, after = self._errors
+        return self.diagnosis.effects if self.verdict == 'named' and after < before else ()
 
     @cached_property
     def headline(self) -> str:
@@ -141,13 +147,18 @@ class Outcome:
 
 
 def diagnose(
-    loaded: Loaded, model: PowerModel, spec: str, catalogue: Catalogue, seed: int = 0
+    loaded: Loaded,
+    model: PowerModel,
+    spec: str,
+    catalogue: Catalogue,
+    seed: int = 0,
+    show: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
     """Say which effect the model misses on these recordings.
 
     A model that is not made of effects is taken as the base that effects are added to; a network
-    that knows the recordings counts on its test part only. InputError for recordings that are too
-    short or too still.
+    that knows the recordings counts on its test part only. show takes what is being done.
+    InputError for recordings that are too short or too still.
     """
     given = model
     if not isinstance(model, EffectModel):
@@ -163,7 +174,8 @@ def diagnose(
     seconds = own.prepared.seconds
     if not any(catalogue[name].remembers for name in catalogue):
         own = own.at_most(MOST_SECONDS)
-    diagnosis = diagnosed(own, model.structure.actives, catalogue, seed)
+    diagnosis = diagnosed(own, model.structure.actives, catalogue, seed, show)
+    show('judging the steps on held-out data')
     judged = judged_steps(Judge(loaded, catalogue), given, model, diagnosis, spec)
     prepared = diagnosis.prepared
     return Outcome(

@@ -78,8 +78,8 @@ def remainder(diagnosis: Diagnosis) -> str:
     over = f', most of it over {left.over[0]}' if left.over else ''
     noise = f"; the meter's noise is {left.noise_w:.2f} W" if np.isfinite(left.noise_w) else ''
     return (
-        f'{left.rms_w:.2f} W stays unexplained, {100 * left.share:.0f} % of what the model misses'
-        f'{over}{noise}.'
+        f'{left.rms_w:.2f} W rms stays unexplained, {100 * left.share:.0f} % of what the model '
+        f'misses{over}{noise}.'
     )
 
 
@@ -94,6 +94,8 @@ def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
         return f'Next: {record}, which tells them apart.'
     if diagnosis.uncertain is not None:
         return f'Next: {record}, which shows whether it is {in_words(diagnosis.uncertain.name)}.'
+    if diagnosis.verdict == 'none_of_the_above' and diagnosis.prepared.whole:
+        return 'Next: meter each drive; the power of all together does not tell whose it is.'
     if diagnosis.verdict == 'none_of_the_above':
         return 'Next: `power_lab discover` learns the shape of it.'
     return f'To see more: {record}.'

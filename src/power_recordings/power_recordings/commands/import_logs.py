@@ -29,8 +29,8 @@ _CHECKED = 100_000  # messages, whose quality is printed after an import
 def run(options: argparse.Namespace) -> int:
     """List what a log holds, or import it."""
     if options.list:
-        for log in options.logs:
-            _list(open_source(log, options.msgs))
+        first, *others = (open_source(log, options.msgs) for log in options.logs)
+        _list(first, others)
         return 0
     if options.map is None:
         raise InputError(
@@ -90,9 +90,15 @@ def _import(sources: Sequence[LogSource], mapping: object, options: argparse.Nam
     print(f'next: {fit}' + (' --slow-meter' if errors else ''))
 
 
-def _list(source: LogSource) -> None:
+def _list(source: LogSource, others: Sequence[LogSource]) -> None:
+    """Print the columns of a log and one map for it and others."""
     listed = list_columns(source)
     lines = [f'# {printable(str(source.path))}: {len(listed)} columns']
+    columns = {item.column.address for item in listed}
+    for other in others:
+        own = {item.column.address for item in list_columns(other)}
+        same = 'the same' if own == columns else 'others: list it by itself'
+        lines.append(f'# {printable(str(other.path))}: {len(own)} columns, {same}')
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:

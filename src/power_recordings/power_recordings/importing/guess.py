@@ -47,6 +47,10 @@ _NO_TORQUE: Final = (
     '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
     'motor: {from: COLUMN, unit: A, at: motor}'
 )
+_OTHER_SIDE: Final = (
+    '    # motor_current: {{from: {}, unit: A}}   # what was commanded: without the leading #, '
+    '`fit` holds both sides of the gear against the power'
+)
 _NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column looks like it: fill in'
 _NO_POWER: Final = (
     '    # current: {from: COLUMN, unit: A}   # no column looks like that of a supply; or power: '
@@ -161,6 +165,14 @@ class _Drive:
         ):
             taken['motor_current'] = replace(taken.pop('current'), quantity='winding')
 
+    def _other_side(self) -> list[str]:
+        """A commanded torque as what the motor was told, beside one that is measured."""
+        measured = self._taken.get('torque')
+        if measured is None or measured.held or 'motor_current' in self._taken:
+            return []
+        commands = [c.address for c in self._own.get('torque', ()) if c.held]
+        return [_OTHER_SIDE.format(yaml_text(address)) for address in commands[:1]]
+
     def lines(self, best: Choice | None, metered: bool) -> list[str]:
         """Return one line a quantity, and what is lacking.
 
@@ -169,6 +181,7 @@ class _Drive:
         """
         self.choice = self.choice or best
         lines = [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
+        lines += self._other_side()
         if 'torque' not in self._taken:
             lines.append(_NO_TORQUE)
         if _POWERS & set(self._taken) and 'voltage' not in self._taken:
