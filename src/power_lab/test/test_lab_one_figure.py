@@ -97,8 +97,10 @@ def test_errors_of_other_kinds_or_recordings_are_no_steps_of_the_staircase(made)
     assert steps(*history) == ('fit', 'load_friction')
     in_sample = {key: value for key, value in history[0].items() if key != 'held_out'}
     elsewhere = history[0] | {'recordings': ['another']}
+    changed = history[0] | {'sha256': ['0' * 64]}
+    cut = history[0] | {'without': ['1@3:5']}
     fewer = history[0] | {'rmse_w': {'LF_HAA': 3.0}}
-    assert steps(in_sample, elsewhere, fewer) == ('better',)
+    assert steps(in_sample, elsewhere, changed, cut, fewer) == ('better',)
     stairs = Stairs.of(history, [judged], loaded, noise)
     assert stairs.errors[0] == pytest.approx(31.69, abs=0.005)
     assert stairs.errors[1] == pytest.approx(judged.rms_w)

@@ -46,6 +46,15 @@ class Loaded:
             ('',) * len(data.recordings),
         )
 
+    @property
+    def judged_on(self) -> dict[str, list[str]]:
+        """What errors are of: names and fingerprints of the recordings, and what is left out."""
+        return {
+            'recordings': [one['name'] for one in self.identities],
+            'sha256': [one['sha256'] for one in self.identities],
+            'without': [str(span) for span in self.left_out],
+        }
+
     @cached_property
     def smooth(self) -> AlignedDataset:
         """The same recordings as networks and proxies take them: 200 Hz, smoothed; or points."""

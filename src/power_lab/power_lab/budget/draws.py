@@ -17,6 +17,7 @@ from power_estimator.posterior.intervals import posterior_draws
 from wattwalk_core.arrays import Floats
 
 _SECONDS: Final = 120.0  # that coefficients are drawn from: longer recordings in pieces
+_DRIVE_SECONDS: Final = 360.0  # the same over all drives, which share a design by type
 _TO_DEVIATION: Final = 1.0 / 1.96  # of a 95 % interval's half
 
 
@@ -72,7 +73,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     errors = [[group.measurement[term.name] for term in terms] for group in by_meter]
     measured = np.array([[error.value for error in own] for own in errors])
     shifts = np.stack([_from_intervals(own, count, random) for own in errors], axis=1)
-    posterior = posterior_draws(model, material.at_most(_SECONDS).prepared, count, random)
+    seconds = min(_SECONDS, _DRIVE_SECONDS / len(names))
+    posterior = posterior_draws(model, material.at_most(seconds).prepared, count, random)
     return Draws(posterior, structure, point, terms, measured, shifts)
 
 

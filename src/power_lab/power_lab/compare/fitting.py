@@ -52,7 +52,7 @@ def fitted(
     entry = {
         'step': 'fit',
         'effects': list(model.effects),
-        'recordings': [entry['name'] for entry in judge.recordings.identities],
+        **judge.recordings.judged_on,
         'held_out': judged.held_out,
         'rmse_w': judged.rmse,
     }

@@ -65,6 +65,6 @@ class Stairs:
 def _comparable(entry: Mapping[str, Any], judged: JudgedModel, loaded: Loaded) -> bool:
     return (
         entry.get('held_out') == judged.held_out
-        and list(entry.get('recordings', ())) == [one['name'] for one in loaded.identities]
+        and all(entry.get(key) == own for key, own in loaded.judged_on.items())
         and {*entry.get('rmse_w', ())} == {*judged.rmse}
     )
