@@ -1,6 +1,6 @@
 """Scores of one model on recordings."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,6 +40,12 @@ class HeldOut:
         return self.measured - self.residual
 
 
+def over_meters(errors: Iterable[float | None]) -> float:
+    """Root of the mean squared error over the meters with one, W; NaN where there is none."""
+    known = [error for error in errors if error is not None]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else float('nan')
+
+
 @dataclass(frozen=True)
 class JudgedModel(HeldOut):
     """A model's scores on the rows on which all models of a comparison are judged."""
@@ -70,8 +76,7 @@ class JudgedModel(HeldOut):
     @property
     def rms_w(self) -> float:
         """Root of the mean squared error over the meters, W."""
-        known = [score.rmse_w for score in self.drives.values() if score.samples]
-        return float(np.sqrt(np.mean(np.square(known))))
+        return over_meters(self.rmse.values())
 
     @property
     def rmse(self) -> dict[str, float]:

@@ -13,6 +13,7 @@ from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import Material
 from power_estimator.judge.judge import Judge
+from power_estimator.judge.result import over_meters
 
 from power_lab.compare.fitting import fitted, named_effects
 
@@ -74,7 +75,7 @@ def chosen_model(judge: Judge, seed: int = 0) -> EffectModel:
 
 def held_out_w(model: EffectModel) -> float:
     """Held-out error of a fitted model over its drives, W rms."""
-    return float(np.sqrt(np.mean(np.square([*model.history[-1]['rmse_w'].values()]))))
+    return over_meters(model.history[-1]['rmse_w'].values())
 
 
 def judge_of_pieces(judge: Judge) -> Judge:

@@ -1,12 +1,11 @@
 """`ros2 run power_lab add`: put an effect into a model, refit all, keep the history."""
 
 import argparse
-import math
-from collections.abc import Mapping
 
 from power_estimator.effects import load_catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
+from power_estimator.judge.result import over_meters
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.errors import InputError
@@ -50,16 +49,12 @@ def _print_staircase(model: EffectModel) -> None:
     print('held-out error over the drives, on the recordings of each step:')
     for entry in model.history:
         label = ', '.join(entry.get('added', entry.get('effects', [])))
-        before, after = entry.get('rmse_before_w'), f'{_mean(entry.get("rmse_w", {})):.3f} W'
+        before, own = entry.get('rmse_before_w'), over_meters(entry.get('rmse_w', {}).values())
+        after = f'{own:.3f} W'
         how = entry.get('held_out')
         if before and entry.get('held_out_before', how) == how:
-            after = f'{_mean(before):.3f} → {after}'
+            after = f'{over_meters(before.values()):.3f} → {after}'
         elif before:
             former = entry['held_out_before']
-            after += f' ({how}); the model before: {_mean(before):.3f} W ({former})'
+            after += f' ({how}); the model before: {over_meters(before.values()):.3f} W ({former})'
         print(f'{entry.get("step", "?"):>4}  {after}  {label}')
-
-
-def _mean(errors: Mapping[str, float]) -> float:
-    values = list(errors.values()) or [0.0]
-    return math.sqrt(math.fsum(value**2 for value in values) / len(values))

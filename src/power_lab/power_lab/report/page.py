@@ -8,6 +8,7 @@ import yaml
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import WHOLE, Prepared
+from power_estimator.judge.result import over_meters
 from power_estimator.posterior.sensors import SENSORS
 from wattwalk_core.pages.page import Page, escape
 
@@ -374,8 +375,9 @@ def closest(models: Sequence[Mapping[str, object]]) -> str:
     assert isinstance(drives, Mapping)
     robot = list(drives) == [WHOLE]
     each, over = ('', '') if robot else (' for each drive', ' over the drives')
-    text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W{each}'
+    text = f'{best["name"]} is {_error(best):.2f} W off{each}'
     if worst is not best:
+        text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W{each}'
         text += f'; {worst["name"]} is {_error(worst):.2f} W off'
     return f'{text} (root mean square{over}, held-out data).'
 
@@ -383,8 +385,7 @@ def closest(models: Sequence[Mapping[str, object]]) -> str:
 def _error(model: Mapping[str, object]) -> float:
     drives = model['drives']
     assert isinstance(drives, Mapping)
-    errors = [scores['rmse_w'] for scores in drives.values() if scores['rmse_w'] is not None]
-    return float(np.sqrt(np.mean(np.square(errors)))) if errors else float('nan')
+    return over_meters(scores['rmse_w'] for scores in drives.values())
 
 
 def _cell(value: float | None) -> str:

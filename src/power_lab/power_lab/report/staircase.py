@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.judge.recordings import Loaded
-from power_estimator.judge.result import JudgedModel
+from power_estimator.judge.result import JudgedModel, over_meters
 from wattwalk_core.pages.plot_style import Figure
 
 from power_lab.report import figures
@@ -41,9 +41,7 @@ class Stairs:
             ', '.join(entry.get('added', ())) or str(entry.get('step'))
             for entry in (*former, *last)
         ]
-        errors = [
-            float(np.sqrt(np.mean(np.square(list(entry['rmse_w'].values()))))) for entry in former
-        ]
+        errors = [over_meters(entry['rmse_w'].values()) for entry in former]
         return cls(
             (*names, *(one.name for one in judged[len(last) :])),
             (*errors, *(one.rms_w for one in judged)),

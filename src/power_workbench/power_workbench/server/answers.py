@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.judge.result import over_meters
 from power_lab.budget.families import FAMILIES
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError
@@ -149,8 +150,7 @@ def label(step: SessionStep) -> str:
 
 def mean_of(errors: Mapping[str, float]) -> float | None:
     """Root of the mean square over the meters, W."""
-    values = list(errors.values())
-    return maps.short_one(float(np.sqrt(np.mean(np.square(values))))) if values else None
+    return maps.short_one(over_meters(errors.values())) if errors else None
 
 
 def _stairs(record: SessionRecord) -> list[dict[str, Any]]:

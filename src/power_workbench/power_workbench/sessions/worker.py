@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.effects.training import LEAST_TO_FIT, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
+from power_estimator.judge.result import over_meters
 from power_estimator.loader import load_model
 from power_lab.budget.tables import headline
 from power_lab.challenge.bench_recording import record_on_bench, shortened
@@ -242,8 +242,8 @@ class SessionWorker:
         loaded = self._load(show, source)
         show('progress', 'comparing the other model')
         (told,) = compare(loaded, [spec], catalogue).json()['models']
-        errors = [own['rmse_w'] for own in told['drives'].values() if own['rmse_w'] is not None]
-        return {'name': spec, 'rmse_w': float(np.sqrt(np.mean(np.square(errors))))}
+        errors = [own['rmse_w'] for own in told['drives'].values()]
+        return {'name': spec, 'rmse_w': over_meters(errors)}
 
     def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> 'Outcome':
         if self._outcome is not None and self._outcome[:2] == (source, spec):
