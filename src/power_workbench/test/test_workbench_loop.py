@@ -160,7 +160,8 @@ def test_the_page_names_the_hidden_effect_and_the_error_falls_when_it_is_added(w
 
 
 def test_before_there_is_a_model_the_page_says_where_the_power_goes(walked, bag):
-    sentence = headline(Session.open(bag).budget().account)
+    found = Session.open(bag).budget()
+    sentence = headline(found.account, found.levers)
     assert walked['budget'] == f'{sentence[0].upper()}{sentence[1:]}.'
 
 

@@ -45,8 +45,8 @@ def posteriors(
 
 def posterior_draws(
     model: EffectModel, prepared: Prepared, count: int, random: np.random.Generator
-) -> Floats:
-    """Draw a model's coefficients for each drive [R, D, m].
+) -> tuple[Floats, Floats]:
+    """Draw a model's coefficients for each drive [R, D, m], and the torque's error [R, D].
 
     Drives that share coefficients have those of one of them, another in each draw: drives of one
     design depart from the formulas alike, and their means keep the error.
@@ -55,7 +55,7 @@ def posterior_draws(
     drives = prepared.signals.names
     free = [active.effect for active in model.structure.actives if active.effect.fixed is None]
     picks = random.random((len(summaries), count))
-    found = []
+    found, scales = [], []
     for d, drive in enumerate(drives):
         meter = 0 if prepared.whole else d
         own = summaries[meter].coefficients
@@ -66,12 +66,14 @@ def posterior_draws(
         ]
         chosen = (picks[meter] * len(parts[0])).astype(np.intp)
         found.append(np.concatenate(parts, axis=1)[chosen])
+        # A sensor that reads low stands for more torque than it says.
+        scales.append(1.0 / (1.0 + summaries[meter].sensors['torque_scale'][chosen]) - 1.0)
     out = np.stack(found, axis=1)
     for alike in assign(drives, [group.type for group in model.groups]).values():
         if not prepared.whole:
             one = np.asarray(alike)[random.integers(len(alike), size=count)]
             out[:, alike] = out[np.arange(count), one][:, None]
-    return out
+    return out, np.stack(scales, axis=1)
 
 
 def with_intervals(

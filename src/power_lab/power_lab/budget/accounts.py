@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +115,6 @@ class DriveAccount:
 
 Masks = Mapping[str, Bools]
 
-_TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
 DRAWS = 200  # draws of what is uncertain: ten of them lie beyond either bound of 90 %
 
 
@@ -243,7 +241,6 @@ class Accounts:
     def _drives(self) -> Iterator[DriveAccount]:
         """Accounts of the drives in their order."""
         signals, structure, draws = self.signals, self.model.structure, self.draws
-        random = np.random.default_rng([self.seed, 1])
         for drives in self.together:
             seen, base = signals, self.base
             if len(drives) < len(signals.names):
@@ -252,9 +249,8 @@ class Accounts:
             small = reduced(found, self.prepared.reduced)
             for place, drive in enumerate(drives):
                 changes = draws.coefficients[:, drive] - self.coefficients[drive]
-                scale = _TORQUE_SCALE * float(signals.scale.gain[drive])
-                drawn = scale * random.standard_normal(DRAWS)
-                yield DriveAccount.of(small.drive(place), changes, drawn, self._errors(drive))
+                scale = draws.torque_scale[:, drive]
+                yield DriveAccount.of(small.drive(place), changes, scale, self._errors(drive))
 
     def _errors(self, drive: int) -> tuple[Floats, Floats, Floats] | None:
         """Errors of a drive's meter that were fitted with the model, as an account takes them."""

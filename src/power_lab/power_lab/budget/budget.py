@@ -108,7 +108,7 @@ class Budget:
     def table(self) -> str:
         """Tables to print."""
         return tables(
-            headline(self.account),
+            headline(self.account, self.levers),
             self.origin,
             (self.account, *self.accounts),
             self.differences,

@@ -18,6 +18,7 @@ from wattwalk_core.arrays import Floats
 
 _SECONDS: Final = 120.0  # that coefficients are drawn from: longer recordings in pieces
 _DRIVE_SECONDS: Final = 360.0  # the same over all drives, which share a design by type
+_TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
 _TO_DEVIATION: Final = 1.0 / 1.96  # of a 95 % interval's half
 
 
@@ -30,6 +31,7 @@ class Draws:
     """
 
     coefficients: Floats  # [R, D, m]
+    torque_scale: Floats  # relative error of the torque [R, D]
     structure: Structure
     point: Floats  # [M, p]
     terms: tuple[Active, ...]
@@ -62,7 +64,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
         ]
         drawn = np.stack([_from_intervals(own, count, random) for own in values], axis=1)
         none = np.empty((len(point), 0))
-        return Draws(drawn, structure, point, (), none, np.empty((count, *none.shape)))
+        scale = _TORQUE_SCALE * prepared.signals.scale.gain * random.normal(size=drawn.shape[:2])
+        return Draws(drawn, scale, structure, point, (), none, np.empty((count, *none.shape)))
     known = members[0].measurement
     terms = tuple(
         term
@@ -74,8 +77,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     measured = np.array([[error.value for error in own] for own in errors])
     shifts = np.stack([_from_intervals(own, count, random) for own in errors], axis=1)
     seconds = min(_SECONDS, _DRIVE_SECONDS / len(names))
-    posterior = posterior_draws(model, material.at_most(seconds).prepared, count, random)
-    return Draws(posterior, structure, point, terms, measured, shifts)
+    drawn, scale = posterior_draws(model, material.at_most(seconds).prepared, count, random)
+    return Draws(drawn, scale, structure, point, terms, measured, shifts)
 
 
 class _Places:

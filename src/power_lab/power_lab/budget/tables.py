@@ -1,5 +1,6 @@
 """Budgets as tables to print."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from power_lab.budget.account import Account, BudgetDifference, Share
+from power_lab.budget.families import FAMILIES, family_of
 from power_lab.budget.levers import Lever
 from power_lab.budget.tally import UNEXPLAINED
 
@@ -22,16 +24,26 @@ def in_words(name: str) -> str:
     return name.replace('_', ' ')
 
 
-def headline(account: Account) -> str:
-    """Mean power, its three largest parts, and what is unexplained, in a sentence."""
+def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
+    """Mean power, its three largest kinds of parts, the best lever, and what is unexplained."""
     watts, _ = account.power()
     shares = account.shares(account.first)
-    largest = sorted(shares, key=lambda s: -s.mean_w)
-    named = [s for s in largest if s.effect != UNEXPLAINED and s.mean_w > 0.0][:3]
-    parts = ', '.join(f'{in_words(s.effect)} {_percent(s.share)}' for s in named)
-    rest = next(s for s in shares if s.effect == UNEXPLAINED)
+    kinds: dict[str, float] = defaultdict(float)
+    for one in shares:
+        kinds[family_of(one.effect)] += one.share or 0.0
+    rest = kinds.pop(UNEXPLAINED)
+    largest = sorted(kinds, key=lambda kind: -kinds[kind])
+    named = [kind for kind in largest if kinds[kind] > 0.0][:3]
+    parts = ', '.join(f'{FAMILIES[kind][0]} {_percent(kinds[kind])}' for kind in named)
     which = 'the robot' if account.first == WHOLE else account.first
-    return f'{which} draws {watts:.1f} W: {parts}; {_percent(rest.share)} is unexplained'
+    said = f'{which} draws {watts:.1f} W: {parts}; {_percent(rest)} is unexplained'
+    sure = [one for one in levers if one.interval[1] < 0.0 and ',' not in one.change]
+    if not sure:
+        return said
+    best = min(sure, key=lambda one: one.mean_w)
+    name, _, factor = best.change.partition('=')
+    change = f'{abs(float(factor) - 1.0):.0%} {"less" if float(factor) < 1.0 else "more"}'
+    return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.3g} W'
 
 
 def tables(

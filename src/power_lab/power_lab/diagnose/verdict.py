@@ -48,8 +48,8 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
         )
     if diagnosis.residual is not None:
         return (
-            f'None of the known effects explains {diagnosis.residual.rms_w:.2f} W of the error of '
-            f'{before:.2f} W on held-out data.'
+            'None of the known effects explains what the model misses: '
+            f'{diagnosis.residual.rms_w:.2f} W rms of {before:.2f} W on held-out data.'
         )
     return (
         'No evidence that an effect is missing: the error on held-out data is '

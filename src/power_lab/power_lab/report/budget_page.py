@@ -17,7 +17,7 @@ from power_lab.report.budget_figures import drawn
 def write_budget(path: Path, budget: Budget) -> None:
     """The page of `budget`."""
     account = budget.account
-    sentence = headline(account)
+    sentence = headline(account, budget.levers)
     page = Page(f'Energy budget: {", ".join(one.name for one in budget.accounts)}')
     page.add('<p class="kind no_evidence">Energy budget</p>')
     page.add(f'<h1 id="verdict">{escape(sentence[0].upper() + sentence[1:])}.</h1>')

@@ -166,7 +166,7 @@ class SessionWorker:
         except Exception as error:
             traceback.print_exc()
             return {**key, 'content': {'error': f'{type(error).__name__}: {error}'}}
-        more = {'headline': headline(found.account), 'origin': found.origin}
+        more = {'headline': headline(found.account, found.levers), 'origin': found.origin}
         content = {**found.json(), **more, 'robot': found.account.first, 'refused': found.refused}
         return {**key, 'content': content}
 

@@ -75,7 +75,7 @@ function render() {
   if (!names.includes(member)) member = found.robot;
   const { lists, whole } = groups();
   if (!lists[by]) [by] = Object.keys(lists);
-  parts.origin.textContent = `${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. Intervals hold nine of ten.`;
+  parts.origin.textContent = `${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. Intervals are of 90 %; where the model lacks an effect, they hold less often.`;
   fill(parts.ways,
     by ? choices('Bars by', 'budget-by', Object.keys(lists).map((way) => ({ value: way, label: way })), by, (way) => { by = way; render(); }) : null,
     names.length > 1 ? h('label', {}, 'flows and parts of ', h('select', { onchange: (event) => { member = event.target.value; render(); } }, names.map((name) => h('option', { value: name, selected: name === member }, name)))) : null);
@@ -160,7 +160,7 @@ function levers() {
   fill(parts.levers, h('h3', {}, 'What would change it'), sorted.length ? h('table', {},
     h('caption', {}, 'Of the mean power, at the same motion of the joints; to the left saves'),
     h('tbody', {}, sorted.map((one) => h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', {}, whisker(one.mean_w, one.interval, range, 'W')))))) : null,
-  idle.length ? h('p', { class: 'faint' }, `Nothing by this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
+  idle.length ? h('p', { class: 'faint' }, `Not in this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
 }
 
 const signed = (value) => `${value < 0 ? '−' : '+'}${watts(Math.abs(value))}`;

@@ -126,8 +126,10 @@ export function quantity(value, unit = '') {
   return `${number(value / by)} ${shown}`.trim();
 }
 
+const LEAST = 5e-5; // W that count as nothing
+
 /** W, in mW and kW only where three digits of W would be too few or too many. */
-export const watts = (value) => (value != null && Math.abs(value) >= 0.1 && Math.abs(value) < 1e4 ? `${number(value)} W` : quantity(value, 'W'));
+export const watts = (value) => (value != null && Math.abs(value) < LEAST ? '0 W' : value != null && Math.abs(value) >= 0.1 && Math.abs(value) < 1e4 ? `${number(value)} W` : quantity(value, 'W'));
 
 export function percent(share) {
   if (share == null) return '–';

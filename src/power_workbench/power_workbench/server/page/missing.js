@@ -29,6 +29,7 @@ function candidates(state, found) {
   const best = (one) => Math.max(one.delta_rmse_w, one.explains_w);
   const shown = found.candidates.filter((one) => isPlausible(one) || best(one) >= NOTHING * scale.error);
   const [plausible, others] = [true, false].map((inside) => shown.filter((one) => isPlausible(one) === inside));
+  const named = found.verdict === 'named' ? plausible.filter((one) => found.effects.includes(one.name)) : [];
   const none = found.candidates.filter((one) => !shown.includes(one)).map((one) => one.words);
   const tied = [...new Set(plausible.map((one) => one.family).filter((family) => family.includes('/')))];
   const rows = (list) => list.map((one) => row(state, found, one, scale));
@@ -37,7 +38,7 @@ function candidates(state, found) {
     found.notes.map((note) => h('p', { class: 'faint note' }, note.replaceAll('`', ''))),
     tied.map((family) => h('p', { class: 'tie faint' }, `This recording cannot tell these apart: ${family.split('/').map((name) => nameOf(found, name)).join(', ')}.`)),
     h('div', { id: 'candidates' },
-      plausible.length ? [h('h3', {}, found.verdict === 'named' ? 'Found' : 'Plausible'), rows(plausible)] : null,
+      [['Found', named], ['Plausible', plausible.filter((one) => !named.includes(one))]].map(([title, list]) => (list.length ? [h('h3', {}, title), rows(list)] : null)),
       others.length ? h('details', { open: !plausible.length }, h('summary', {}, plausible.length ? `Improbable (${others.length})` : `None is plausible; the nearest ${others.length}`), rows(others)) : null),
     none.length ? h('p', { class: 'faint' }, `Explain nothing here: ${none.join(', ')}.`) : null);
 }
@@ -61,7 +62,7 @@ function row(state, found, one, { error, noise }) {
     h('div', { class: 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), bar(one.explains_w, 'with'), floor),
     h('span', { class: 'falls' }, watts(Math.max(one.delta_rmse_w, 0)), h('small', {}, ` ${watts(one.explains_w)}`)),
     h('small', { class: 'value' }, `${one.drive} ${quantity(one.coefficient, one.unit)} `, whisker(one.coefficient, one.interval, [Math.min(0, one.interval[0]), Math.max(0, one.interval[1])], one.unit)),
-    h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add'));
+    Math.max(one.delta_rmse_w, one.explains_w) >= NOTHING * error ? h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add') : null);
   if (seen) {
     for (const event of ['mouseenter', 'focusin']) node.addEventListener(event, () => preview(one));
     for (const event of ['mouseleave', 'focusout']) node.addEventListener(event, () => preview(null));

@@ -38,6 +38,8 @@ export async function draw(node, words, make) {
   await window.Plotly.react(node, data, layout(given), {
     responsive: true, displayModeBar: false, doubleClick: false, showTips: false,
   });
+  // Drawn anew, a plot keeps its size: more rows need a taller box.
+  if (node.isConnected && node.clientHeight && Math.abs(node.clientHeight - node._fullLayout.height) > 1) await window.Plotly.Plots.resize(node);
 }
 
 export const on = (node, event, work) => {
