@@ -100,6 +100,20 @@ def test_a_coefficient_at_its_bound_is_marked_and_stays_so_in_the_file(tmp_path)
     assert read_model(tmp_path / 'm.yaml', CATALOGUE).at_bound == model.at_bound
 
 
+def test_heating_of_a_winding_that_loses_nothing_is_stranded():
+    model = fitted(turning(20.0, 6.0, idle=5.0), 'shaft', 'copper_loss', 'winding_heating', 'idle')
+
+    def with_copper(value, bound):
+        own = model.groups[0].coefficients
+        heat = tuple(FittedValue(0.1, (0.0, 0.2)) for _ in own['winding_heating'])
+        copper = (FittedValue(value, (0.0, 0.1), bound),)
+        changed = {**own, 'copper_loss': copper, 'winding_heating': heat}
+        return replace(model, groups=(replace(model.groups[0], coefficients=changed),))
+
+    assert with_copper(0.0, 'lower').stranded == (('WHEEL', 'winding_heating', 'copper_loss'),)
+    assert with_copper(0.02, '').stranded == ()
+
+
 def test_an_error_of_the_measurement_at_its_bound_is_marked_too(tmp_path):
     model = fitted(turning(20.0, 6.0, copper=0.02, idle=5.0), 'shaft', 'copper_loss', 'idle')
     measurement = {

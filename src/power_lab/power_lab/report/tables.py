@@ -56,6 +56,11 @@ def print_model(console: Console, model: EffectModel) -> None:
         console.print(_fitted_table('errors of the measurement', 'error', errors, groups))
     if model.at_bound:
         console.print(f'{_AT_BOUND}: {", ".join(model.at_bound)}')
+    for group, part, whole in model.stranded:
+        console.print(
+            f'{group}: {part} is a part of {whole}, which is 0 here: the two trade off in this '
+            f'recording, and neither says what its name says; leave {part} out'
+        )
 
 
 def _fitted_table(

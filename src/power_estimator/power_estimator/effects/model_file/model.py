@@ -269,6 +269,18 @@ class EffectModel:
             found += [(f'{kind} {name}', own) for name, own in group.measurement.items()]
         return tuple(f'{name} ({own.at_bound})' for name, own in found if own.at_bound)
 
+    @property
+    def stranded(self) -> tuple[tuple[str, str, str], ...]:
+        """Effects where the one that they are a part of is 0: group, effect, and that one."""
+        parts = [a for a in self.structure.free if a.effect.part_of in self.effects]
+        return tuple(
+            (group.type.name, part.name, part.effect.part_of)
+            for group in self.groups
+            for part in parts
+            if all(own.at_bound == 'lower' for own in group.coefficients[part.effect.part_of])
+            and any(own.value > 0.0 for own in group.coefficients[part.name])
+        )
+
     def as_prior(self) -> Prior:
         """Return the coefficients that a drive like this one is expected to have.
 
