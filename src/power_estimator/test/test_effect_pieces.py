@@ -1,16 +1,17 @@
 from dataclasses import replace
+from threading import Barrier, get_ident
 
 import numpy as np
 import pytest
 from power_estimator.effects import Effect, builtin_catalogue
-from power_estimator.effects.fit.blocks import for_each
+from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.by_drive import ByDriveBuilder
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.signals.pieces import pieces
 from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.dataset import AlignedDataset
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_info, threadpool_limits
 
 RATE = 400.0
 CATALOGUE = builtin_catalogue()
@@ -168,6 +169,32 @@ def test_an_effect_that_looks_at_other_drives_gets_the_signals_of_all():
 def test_results_come_in_the_order_of_the_items_on_any_number_of_threads(limit):
     with threadpool_limits(limits=limit, user_api='blas'):
         assert for_each(lambda item: item * item, range(20)) == [i * i for i in range(20)]
+
+
+def blas_threads():
+    return {one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'}
+
+
+def test_products_have_one_thread_until_the_last_caller_is_done():
+    with threadpool_limits(limits=2, user_api='blas'):
+        first, second = one_thread_a_product(), one_thread_a_product()
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert blas_threads() == {1}
+        both = Barrier(2)  # which one thread alone never passes
+        assert for_each(lambda _: both.wait(60) in (0, 1), range(2)) == [True, True]
+        assert blas_threads() == {1}
+        second.__exit__(None, None, None)
+        assert blas_threads() == {2}
+
+
+def test_work_within_shared_work_is_not_shared_again():
+    def inner(_):
+        return {get_ident(), *for_each(lambda _: get_ident(), range(3))}
+
+    with threadpool_limits(limits=2, user_api='blas'):
+        assert [len(threads) for threads in for_each(inner, range(2))] == [1, 1]
 
 
 def test_the_error_of_an_item_is_raised():

@@ -9,6 +9,7 @@ from power_estimator.effects.model_file.yaml_file import read_model, write_model
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 from power_estimator.effects.training import fit_model, material
+from power_estimator.posterior.intervals import posterior_draws
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
@@ -124,6 +125,49 @@ def test_an_error_of_the_measurement_at_its_bound_is_marked_too(tmp_path):
     assert model.at_bound == ('WHEEL power_gain (upper)',)
     write_model(model, tmp_path / 'm.yaml')
     assert read_model(tmp_path / 'm.yaml', CATALOGUE).at_bound == model.at_bound
+
+
+def test_a_torque_sensor_that_reads_low_is_drawn_as_more_torque_with_the_coefficients():
+    data = turning(20.0, 6.0, copper=0.02, idle=5.0)
+    low = replace(data, torque=(0.9 * data.torque).astype(np.float32))
+    model = fitted(low, 'shaft', 'copper_loss', 'idle')
+    prepared = material(low).prepared
+    drawn, scale = posterior_draws(model, prepared, 200)
+    assert drawn.shape == (200, 1, 2)
+    assert scale.shape == (200, 1)
+    assert (drawn >= 0.0).all()
+    assert scale.mean() > 0.05  # of 0.11, against a spread of 0.1 beforehand
+    idle = drawn[:, 0, 1]
+    assert np.quantile(idle, 0.05) < 5.0 < np.quantile(idle, 0.95)
+
+
+def test_drives_that_share_coefficients_share_them_in_each_draw():
+    pair = [turning(20.0, 6.0, copper=0.02, idle=5.0, seed=seed) for seed in (3, 4)]
+    joined = replace(
+        pair[0],
+        names=('LF_KNEE', 'RF_KNEE'),
+        **{
+            name: np.concatenate([getattr(one, name) for one in pair], axis=1)
+            for name in ('position', 'velocity', 'torque', 'command', 'power', 'voltage')
+        },
+        current=np.concatenate([one.current for one in pair], axis=1),
+        temperature=np.concatenate([one.temperature for one in pair], axis=1),
+    )
+    model = fitted(joined, 'shaft', 'copper_loss', 'idle')
+    prepared = material(joined).prepared
+    drawn, scale = posterior_draws(model, prepared, 50)
+    assert len(model.groups) == 1
+    assert (drawn[:, 0] == drawn[:, 1]).all()
+    assert (scale[:, 0] == scale[:, 1]).all()
+    assert len(np.unique(drawn[:, 0, 0])) > 25
+
+
+def test_a_model_without_coefficients_has_draws_of_the_torque_alone():
+    data = turning(20.0, 6.0, idle=0.0)
+    model = fitted(data, 'shaft')
+    drawn, scale = posterior_draws(model, material(data).prepared, 30)
+    assert drawn.shape == (30, 1, 0)
+    assert np.isfinite(scale).all()
 
 
 def test_a_model_keeps_the_scale_of_its_drives(tmp_path):

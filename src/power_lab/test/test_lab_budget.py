@@ -9,7 +9,9 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure, evaluate
 from power_estimator.effects.split import split
-from power_lab.budget.levers import carried_over, parse_changes
+from power_lab.budget import choice
+from power_lab.budget.levers import Lever, carried_over, parse_changes
+from power_lab.budget.tables import headline
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
 from power_lab.commands.arguments import budget as budget_command
 from wattwalk_core.errors import InputError
@@ -61,6 +63,22 @@ def test_friction_counts_at_the_shaft_and_its_copper_loss_as_copper(lab):
     torque, speed = signals.torque, signals.velocity
     assert found['viscous_friction'] == pytest.approx(3.0 * speed**2)
     assert found['copper_loss'] == pytest.approx(0.02 * (torque + 3.0 * speed) ** 2)
+
+
+def test_a_chosen_effect_that_does_not_lower_the_held_out_error_is_dropped(lab, monkeypatch):
+    few = [*EFFECTS.split(), 'load_friction', 'cogging']  # the leg has no cogging
+    monkeypatch.setattr(choice, 'chosen_effects', lambda judge: few)
+    model = choice.chosen_model(lab.judge)
+    assert model.effects == tuple(few[:-1])
+    assert choice.held_out_w(model) < choice.held_out_w(lab.effects)
+
+
+def test_a_headline_names_kinds_of_parts_and_the_surest_lever(found):
+    said = headline(found.account, [Lever('idle=0.9', -1.26, (-1.4, -1.1))])
+    assert said.endswith('; 10% less idle saves most, 1.3 W')
+    assert 'copper and cables' in said
+    unsure = [Lever('gear_ratio=1.1', -9.0, (-20.0, 1.0))]
+    assert headline(found.account, unsure) == headline(found.account)
 
 
 def test_phases_divide_the_time_of_a_drive():

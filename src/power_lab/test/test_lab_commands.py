@@ -1,11 +1,13 @@
 """Commands end to end on a simulated recording, and on bad input."""
 
+import argparse
 import errno
 import json
 import os
 import shlex
 import shutil
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from power_lab.commands.arguments import execute as execute_command
 from power_lab.commands.arguments import fit as fit_command
 from power_lab.commands.arguments import reveal
 from power_lab.commands.arguments import to_plant as to_plant_command
+from power_lab.commands.options import next_command, unused
 from power_recordings.card import Card
 from sim_bridge.offline.run import run_offline
 from sim_bridge.plant.parameters import Plant
@@ -40,6 +43,24 @@ def base(bag, tmp_path_factory):
     path = tmp_path_factory.mktemp('models') / 'base.yaml'
     assert fit_command([str(bag), '--effects', KNOWN, '-o', str(path)]) == 0
     return path
+
+
+def test_the_next_command_has_the_same_recordings_and_choices(tmp_path, monkeypatch):
+    options = argparse.Namespace(
+        bags=[Path('b 1')], drives=['*_KFE'], without=['2:3'], effects_path=[Path('e.py')]
+    )
+    options.slow, options.anyway = True, False
+    added = next_command('add', options, 'idle', '--to', 'm.yaml', '-o', 'n.yaml')
+    assert added == (
+        "next: ros2 run power_lab add idle --to m.yaml -o n.yaml --bag 'b 1' "
+        "--drives '*_KFE' --without 2:3 --effects-path e.py --slow-meter"
+    )
+    learned = next_command('discover', options, '--model', 'm.yaml')
+    assert learned.startswith("next: ros2 run power_lab discover 'b 1' --model m.yaml --drives")
+    monkeypatch.chdir(tmp_path)
+    assert unused('better.yaml') == 'better.yaml'
+    (tmp_path / 'better.yaml').touch()
+    assert unused('better.yaml') == 'better2.yaml'
 
 
 def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path, capsys):

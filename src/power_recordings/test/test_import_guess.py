@@ -34,8 +34,8 @@ def test_several_logs_of_the_same_columns_have_one_map(tmp_path, capsys):
     capsys.readouterr()
     assert main([*logs, '--list']) == 0
     text = capsys.readouterr().out
-    assert f'# {logs[1]}: 4 columns, the same' in text
-    assert f'# {logs[2]}: 2 columns, others: list it by itself' in text
+    assert f'# {logs[1]}: the same columns' in text
+    assert f'# {logs[2]}: other columns: list it by itself' in text
     (tmp_path / 'map.yaml').write_text(text)
     output = str(tmp_path / 'bag')
     assert main([*logs[:2], '--map', str(tmp_path / 'map.yaml'), '-o', output]) == 0
@@ -123,6 +123,8 @@ def test_a_torque_that_is_held_is_a_command_where_a_sensor_is(tmp_path, capsys):
     both.write_text(text.replace('# motor_current', 'motor_current'))
     arguments = [str(tmp_path / 'log.csv'), '--map', str(both), '-o', str(tmp_path / 'sides')]
     assert main(arguments) == 0
+    commanded = Recording.open(tmp_path / 'sides').motor_current()
+    np.testing.assert_allclose(commanded.current[:, 0], held, atol=1e-5)
 
 
 def test_a_product_of_other_columns_is_recognised_and_a_meter_is_not(tmp_path, capsys):

@@ -21,7 +21,7 @@ class NormalEquations:
     n effects and z nuisances are left; the smooth features are marginalised.
     """
 
-    spread: Floats  # [a] of the smooth features
+    spread: Floats  # prior spreads of what is marginalised: last columns, then features
     gram: Floats  # [n + z, n + z]
     moments: Floats  # [n + z, S]
     constants: Floats  # nats [S]
@@ -50,7 +50,6 @@ class Turned:
     values: Floats  # [a], their squared lengths
     turn: Floats  # [a, a], from weights of these to weights of the features as they were
     power: Floats  # weighted, at S delays [N, S]
-    squares: Floats  # of the power [S]
     moments: Floats  # [a, S]
 
     @classmethod
@@ -58,18 +57,16 @@ class Turned:
         """Turn weighted features [N, a] beside weighted power [N, S]."""
         values, turn = np.linalg.eigh(features.T @ features)
         turned = features @ turn
-        squares = np.square(power).sum(axis=0)
-        return cls(turned, np.maximum(values, 0.0), turn, power, squares, turned.T @ power)
+        return cls(turned, np.maximum(values, 0.0), turn, power, turned.T @ power)
 
     def beside(self, columns: Floats, constant: Floats) -> 'Weighed':
         """Weighted products with columns [N, m], where a part of the power [N] is known."""
-        every = np.concatenate([columns, constant[:, None]], axis=1)
-        gram, cross = every.T @ every, self.features.T @ every
-        moments = every.T @ self.power
+        error = self.power - constant[:, None]
+        cross = self.features.T @ np.concatenate([columns, constant[:, None]], axis=1)
         return Weighed(
-            gram[:-1, :-1],
-            moments[:-1] - gram[:-1, -1:],
-            self.squares - 2.0 * moments[-1] + gram[-1, -1],
+            columns.T @ columns,
+            columns.T @ error,
+            np.square(error).sum(axis=0),
             self.values,
             cross[:, :-1],
             self.moments - cross[:, -1:],

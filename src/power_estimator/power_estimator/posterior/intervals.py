@@ -7,6 +7,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_estimator.drive_types import assign
+from power_estimator.effects import Effect
 from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
@@ -19,11 +20,12 @@ from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.summary import MeterSummary, summarised
 
 _LEVELS = (0.025, 0.975)
+_ENDS = ('lower', 'upper')
 
 
 @one_thread_a_product()
 def posteriors(
-    model: EffectModel, prepared: Prepared, base: BasePower | None = None
+    model: EffectModel, prepared: Prepared, base: BasePower | None = None, seed: int = 0
 ) -> list[MeterSummary]:
     """Draw the coefficients of a model's effects for each meter."""
     prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
@@ -38,42 +40,53 @@ def posteriors(
     def summary(d: int) -> MeterSummary:
         own = prepared if alone else prepared.drive(d)
         meter = MeterProblem(own, fixed, base if base is None or alone else base.drive(d))
-        return summarised(meter, free, known, settle(meter, free, free, known))
+        return summarised(meter, free, known, settle(meter, free, free, known), seed)
 
     return for_each(summary, range(len(prepared.names)))
 
 
 def posterior_draws(
-    model: EffectModel, prepared: Prepared, count: int, random: np.random.Generator
+    model: EffectModel, prepared: Prepared, count: int, seed: int = 0
 ) -> tuple[Floats, Floats]:
     """Draw a model's coefficients for each drive [R, D, m], and the torque's error [R, D].
 
-    Drives that share coefficients have those of one of them, another in each draw: drives of one
+    Drives that share coefficients have all of one of them, another in each draw: drives of one
     design depart from the formulas alike, and their means keep the error.
     """
-    summaries = posteriors(model, prepared)
+    random = np.random.default_rng(seed)
+    summaries = posteriors(model, prepared, seed=seed)
     drives = prepared.signals.names
     free = [active.effect for active in model.structure.actives if active.effect.fixed is None]
     picks = random.random((len(summaries), count))
     found, scales = [], []
-    for d, drive in enumerate(drives):
+    for d in range(len(drives)):
         meter = 0 if prepared.whole else d
-        own = summaries[meter].coefficients
-        parts = [
-            own.get(f'{effect.name}@{drive}', own.get(effect.name, np.empty(0)))
-            * share_of(effect, prepared, d)
-            for effect in free
-        ]
-        chosen = (picks[meter] * len(parts[0])).astype(np.intp)
+        scale = summaries[meter].sensors['torque_scale']
+        parts = [np.empty((len(scale), 0))]
+        for effect in free:
+            own = drawn_of(summaries[meter], effect, prepared, d)
+            bounds = effect.factors(prepared.signals.scale)[d]
+            low, high = (bounds * [getattr(t, end) for t in effect.terms] for end in _ENDS)
+            parts.append(np.clip(own, low, high))
+        chosen = (picks[meter] * len(scale)).astype(np.intp)
         found.append(np.concatenate(parts, axis=1)[chosen])
         # A sensor that reads low stands for more torque than it says.
-        scales.append(1.0 / (1.0 + summaries[meter].sensors['torque_scale'][chosen]) - 1.0)
-    out = np.stack(found, axis=1)
+        scales.append(1.0 / (1.0 + scale[chosen]) - 1.0)
+    out, errors = np.stack(found, axis=1), np.stack(scales, axis=1)
     for alike in assign(drives, [group.type for group in model.groups]).values():
         if not prepared.whole:
             one = np.asarray(alike)[random.integers(len(alike), size=count)]
             out[:, alike] = out[np.arange(count), one][:, None]
-    return out, np.stack(scales, axis=1)
+            errors[:, alike] = errors[np.arange(count), one][:, None]
+    return out, errors
+
+
+def drawn_of(summary: MeterSummary, effect: Effect, prepared: Prepared, drive: int) -> Floats:
+    """Drawn coefficients [s, n] of an effect of one drive, also where a robot has one meter."""
+    found = summary.coefficients
+    drawn = found.get(f'{effect.name}@{prepared.signals.names[drive]}', found.get(effect.name))
+    assert drawn is not None
+    return drawn * share_of(effect, prepared, drive)
 
 
 def with_intervals(
@@ -91,11 +104,8 @@ def with_intervals(
     def interval(name: str, own: Sequence[int]) -> Floats:
         ends = []
         for d in own:
-            found = summaries[0 if prepared.whole else d].coefficients
-            drawn = found.get(f'{name}@{drives[d]}', found.get(name))
-            assert drawn is not None
-            share = share_of(effects[name], prepared, d)
-            ends.append(np.quantile(drawn * share, _LEVELS, axis=0))
+            drawn = drawn_of(summaries[0 if prepared.whole else d], effects[name], prepared, d)
+            ends.append(np.quantile(drawn, _LEVELS, axis=0))
         return np.mean(ends, axis=0)  # [2, n]
 
     def widened(group: DriveGroup) -> DriveGroup:

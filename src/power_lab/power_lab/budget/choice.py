@@ -67,7 +67,7 @@ def chosen_model(judge: Judge, seed: int = 0) -> EffectModel:
     model = of(effects)
     while len(effects) > len(_SURE):
         fewer = of(effects[:-1])
-        if held_out_w(fewer) > (1.0 + _LEAST / 2.0) * held_out_w(model):
+        if not held_out_w(fewer) <= (1.0 + _LEAST / 2.0) * held_out_w(model):
             break
         effects, model = effects[:-1], fewer
     return model

@@ -16,8 +16,8 @@ from power_estimator.judge.judge import Judge
 from power_estimator.posterior.intervals import posterior_draws
 from wattwalk_core.arrays import Floats
 
-_SECONDS: Final = 120.0  # that coefficients are drawn from: longer recordings in pieces
-_DRIVE_SECONDS: Final = 360.0  # the same over all drives, which share a design by type
+_SECONDS: Final = 120.0  # of drives that share coefficients, which they are drawn from
+_LEAST_SECONDS: Final = 30.0
 _TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
 _TO_DEVIATION: Final = 1.0 / 1.96  # of a 95 % interval's half
 
@@ -43,7 +43,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     """Draw coefficients of a fitted model on recordings.
 
     Of recordings that it was fitted on: by the posterior, which allows for sensors, delay and what
-    no formula explains. Of other recordings: the intervals that it was stored with.
+    no formula explains; errors of the meter apart from them, by their intervals. Of other
+    recordings, and of a model with a base or a prior: the intervals that it was stored with.
     """
     prepared, random = judge.prepared, np.random.default_rng(seed)
     names = prepared.signals.names
@@ -57,7 +58,7 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
         used = place.shares[drive] > 0.0
         meter = 0 if prepared.whole else drive
         point[meter, place.columns[drive][used]] = (stored / place.shares[drive])[used]
-    if not judge.refits(model) or model.base is not None:
+    if not judge.refits(model) or model.base is not None or model.prior:
         values = [
             [value for active in model.structure.free for value in group.coefficients[active.name]]
             for group in members
@@ -76,8 +77,9 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     errors = [[group.measurement[term.name] for term in terms] for group in by_meter]
     measured = np.array([[error.value for error in own] for own in errors])
     shifts = np.stack([_from_intervals(own, count, random) for own in errors], axis=1)
-    seconds = min(_SECONDS, _DRIVE_SECONDS / len(names))
-    drawn, scale = posterior_draws(model, material.at_most(seconds).prepared, count, random)
+    alike = 1 if prepared.whole else min(len([m for m in members if m is own]) for own in members)
+    seconds = max(_SECONDS / alike, _LEAST_SECONDS)
+    drawn, scale = posterior_draws(model, material.at_most(seconds).prepared, count, seed)
     return Draws(drawn, scale, structure, point, terms, measured, shifts)
 
 
@@ -109,6 +111,6 @@ def _from_intervals(
     values: Sequence[FittedValue], count: int, random: np.random.Generator
 ) -> Floats:
     middle = np.array([value.value for value in values])
-    low, high = np.array([value.interval for value in values]).T
+    low, high = np.array([value.interval for value in values]).reshape(-1, 2).T
     normal = random.standard_normal((count, len(values))) * _TO_DEVIATION
     return middle + np.where(normal < 0.0, (middle - low) * normal, (high - middle) * normal)

@@ -30,20 +30,23 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
     shares = account.shares(account.first)
     kinds: dict[str, float] = defaultdict(float)
     for one in shares:
-        kinds[family_of(one.effect)] += one.share or 0.0
+        kinds[family_of(one.effect)] += one.mean_w
     rest = kinds.pop(UNEXPLAINED)
     largest = sorted(kinds, key=lambda kind: -kinds[kind])
     named = [kind for kind in largest if kinds[kind] > 0.0][:3]
-    parts = ', '.join(f'{FAMILIES[kind][0]} {_percent(kinds[kind])}' for kind in named)
+    if watts <= 0.0:  # what a brake gives back has no shares
+        named = []
+    parts = ', '.join(f'{FAMILIES[kind][0]} {_percent(kinds[kind] / watts)}' for kind in named)
     which = 'the robot' if account.first == WHOLE else account.first
-    said = f'{which} draws {watts:.1f} W: {parts}; {_percent(rest)} is unexplained'
+    said = f'{which} draws {watts:.1f} W'
+    said += f': {parts}; {_percent(rest / watts)} is unexplained' if named else ''
     sure = [one for one in levers if one.interval[1] < 0.0 and ',' not in one.change]
     if not sure:
         return said
     best = min(sure, key=lambda one: one.mean_w)
     name, _, factor = best.change.partition('=')
     change = f'{abs(float(factor) - 1.0):.0%} {"less" if float(factor) < 1.0 else "more"}'
-    return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.3g} W'
+    return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.1f} W'
 
 
 def tables(

@@ -47,10 +47,9 @@ def run(options: argparse.Namespace) -> int:
     if options.report:
         print(f'report: {options.report}')
     if outcome.next_effects and options.model.endswith('.yaml'):
-        model = ('--to', options.model, '-o', 'better.yaml')
+        model = ('--to', options.model, '-o', common.unused('better.yaml'))
         print(common.next_command('add', options, *outcome.next_effects, *model))
     elif outcome.verdict == 'none_of_the_above' and not outcome.prepared.whole:
-        print(
-            common.next_command('discover', options, '--model', options.model, '-o', 'effect.py')
-        )
+        learned = ('--model', options.model, '-o', common.unused('effect.py'))
+        print(common.next_command('discover', options, *learned))
     return 0

@@ -1,6 +1,8 @@
 """Recordings, models and effects that options name, and the console of tables."""
 
 import argparse
+import itertools
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -49,17 +51,24 @@ def next_command(command: str, options: argparse.Namespace, *more: object) -> st
 
     more: what the command takes beside them.
     """
-    words = [command, *map(str, more), *(['--bag'] if command == 'add' else [])]
-    words[1:1] = [] if command == 'add' else map(str, options.bags)
-    words += map(str, options.bags) if command == 'add' else []
+    bags = ['--bag', *options.bags] if command == 'add' else options.bags
+    words = [command, *more, *bags] if command == 'add' else [command, *bags, *more]
     for name in ('drives', 'without', 'effects_path'):
-        chosen = [str(one) for one in getattr(options, name)]
-        words += [f'--{name.replace("_", "-")}', *chosen] if chosen else []
+        if chosen := getattr(options, name):
+            words += [f'--{name.replace("_", "-")}', *chosen]
     words += ['--slow-meter'] if options.slow else []
     words += ['--anyway'] if options.anyway else []
-    return f'next: ros2 run power_lab {shlex.join(words)}'
+    return f'next: ros2 run power_lab {shlex.join(map(str, words))}'
+
+
+def unused(name: str) -> str:
+    """A name of a file to write that is not there: `better.yaml`, else `better2.yaml` and on."""
+    path = Path(name)
+    others = (f'{path.stem}{number}{path.suffix}' for number in itertools.count(2))
+    return next(one for one in itertools.chain([name], others) if not Path(one).exists())
 
 
 def console() -> Console:
-    """Console of tables, on stdout; wide where that is no terminal."""
-    return Console(width=None if sys.stdout.isatty() else _WIDE, highlight=False, soft_wrap=False)
+    """Console of tables, on stdout; wide where that is no terminal and COLUMNS is not set."""
+    given = sys.stdout.isatty() or 'COLUMNS' in os.environ
+    return Console(width=None if given else _WIDE, highlight=False, soft_wrap=False)

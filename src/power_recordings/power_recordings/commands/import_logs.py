@@ -97,8 +97,8 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
     columns = {item.column.address for item in listed}
     for other in others:
         own = {item.column.address for item in list_columns(other)}
-        same = 'the same' if own == columns else 'others: list it by itself'
-        lines.append(f'# {printable(str(other.path))}: {len(own)} columns, {same}')
+        same = 'the same columns' if own == columns else 'other columns: list it by itself'
+        lines.append(f'# {printable(str(other.path))}: {same}')
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:

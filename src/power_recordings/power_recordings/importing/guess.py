@@ -48,8 +48,8 @@ _NO_TORQUE: Final = (
     'motor: {from: COLUMN, unit: A, at: motor}'
 )
 _OTHER_SIDE: Final = (
-    '    # motor_current: {{from: {}, unit: A}}   # what was commanded: without the leading #, '
-    '`fit` holds both sides of the gear against the power'
+    '    # motor_current: {{from: {}, unit: A}}   # what was commanded, N·m for A up to a '
+    'constant: without the leading #, `fit` holds both sides of the gear against the power'
 )
 _NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column looks like it: fill in'
 _NO_POWER: Final = (

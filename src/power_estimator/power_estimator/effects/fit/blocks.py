@@ -1,9 +1,9 @@
 """Blocks of a second, and the normal equations of each."""
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from contextvars import ContextVar
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
@@ -21,7 +21,44 @@ Item = TypeVar('Item')
 Result = TypeVar('Result')
 
 
-_sharing: ContextVar[int | None] = ContextVar('sharing', default=None)
+class _Threads:
+    """Threads of matrix products, which several callers may limit to one at the same time."""
+
+    def __init__(self) -> None:
+        self._lock, self._inside = threading.Lock(), threading.local()
+        self._depth, self._before = 0, 1
+        self._limit = ExitStack()
+
+    def to_share(self) -> int:
+        """Threads that items may share; one in a thread that shares some already."""
+        if getattr(self._inside, 'shared', False):
+            return 1
+        with self._lock:
+            return self._before if self._depth else _allowed(_controller())
+
+    def mark_shared(self) -> None:
+        """Mark a thread that works on shared items."""
+        self._inside.shared = True
+
+    @contextmanager
+    def limited(self) -> Iterator[None]:
+        """Limit each product to one thread until the last caller is done."""
+        controller = _controller()
+        with self._lock:
+            if not self._depth:
+                self._before = _allowed(controller)
+                self._limit.enter_context(controller.limit(limits=1, user_api='blas'))
+            self._depth += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._depth -= 1
+                if not self._depth:
+                    self._limit.close()
+
+
+_THREADS = _Threads()
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -31,27 +68,25 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
     meanwhile: whoever limits those limits these. The results do not depend on the number of
     threads; the function must not change what it shares.
     """
-    threads = min(_sharing.get() or _allowed(_controller()), len(items))
+    threads = min(_THREADS.to_share(), len(items))
     if threads < 2:
         return [function(item) for item in items]
-    with one_thread_a_product(), ThreadPoolExecutor(threads) as pool:
+    with (
+        _THREADS.limited(),
+        ThreadPoolExecutor(threads, initializer=_THREADS.mark_shared) as pool,
+    ):
         return list(pool.map(function, items))
 
 
 @contextmanager
 def one_thread_a_product() -> Iterator[None]:
-    """Give each matrix product one thread, and `for_each` the others, as many as there were.
+    """Give each matrix product one thread, and `for_each` as many as products had before.
 
     Products of a few hundred columns gain nothing from a second thread, and wait for it thirty
     times as long as they take where another process has the core.
     """
-    controller = _controller()
-    before = _sharing.set(_sharing.get() or _allowed(controller))
-    try:
-        with controller.limit(limits=1, user_api='blas'):
-            yield
-    finally:
-        _sharing.reset(before)
+    with _THREADS.limited():
+        yield
 
 
 @cache

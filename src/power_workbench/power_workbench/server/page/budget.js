@@ -160,7 +160,7 @@ function levers() {
   fill(parts.levers, h('h3', {}, 'What would change it'), sorted.length ? h('table', {},
     h('caption', {}, 'Of the mean power, at the same motion of the joints; to the left saves'),
     h('tbody', {}, sorted.map((one) => h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', {}, whisker(one.mean_w, one.interval, range, 'W')))))) : null,
-  idle.length ? h('p', { class: 'faint' }, `Not in this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
+  idle.length ? h('p', { class: 'faint' }, `Nothing by this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
 }
 
 const signed = (value) => `${value < 0 ? '−' : '+'}${watts(Math.abs(value))}`;

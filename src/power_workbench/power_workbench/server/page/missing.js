@@ -62,7 +62,7 @@ function row(state, found, one, { error, noise }) {
     h('div', { class: 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), bar(one.explains_w, 'with'), floor),
     h('span', { class: 'falls' }, watts(Math.max(one.delta_rmse_w, 0)), h('small', {}, ` ${watts(one.explains_w)}`)),
     h('small', { class: 'value' }, `${one.drive} ${quantity(one.coefficient, one.unit)} `, whisker(one.coefficient, one.interval, [Math.min(0, one.interval[0]), Math.max(0, one.interval[1])], one.unit)),
-    Math.max(one.delta_rmse_w, one.explains_w) >= NOTHING * error ? h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add') : null);
+    found.effects.includes(one.name) || Math.max(one.delta_rmse_w, one.explains_w) >= NOTHING * error ? h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add') : null);
   if (seen) {
     for (const event of ['mouseenter', 'focusin']) node.addEventListener(event, () => preview(one));
     for (const event of ['mouseleave', 'focusout']) node.addEventListener(event, () => preview(null));

@@ -39,7 +39,7 @@ export async function draw(node, words, make) {
     responsive: true, displayModeBar: false, doubleClick: false, showTips: false,
   });
   // Drawn anew, a plot keeps its size: more rows need a taller box.
-  if (node.isConnected && node.clientHeight && Math.abs(node.clientHeight - node._fullLayout.height) > 1) await window.Plotly.Plots.resize(node);
+  if (node.isConnected && node.clientHeight && Math.abs(node.clientHeight - node._fullLayout?.height) > 1) await window.Plotly.Plots.resize(node);
 }
 
 export const on = (node, event, work) => {

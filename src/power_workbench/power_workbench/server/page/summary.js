@@ -31,7 +31,7 @@ function step(state) {
   const { diagnosis: found, learned } = state;
   const go = (id) => () => { const node = find(id).querySelector('details'); if (node) node.open = true; find(id).scrollIntoView(); };
   const report = ['Write the report', () => attempt(() => post('report'))];
-  if (!state.model && state.budget.effects) return ['Take the model of this budget', () => take({ kind: 'fit', effects: state.budget.effects }), 'Or fit another under “Model”. The page then finds what it misses.'];
+  if (!state.model && state.budget.effects) return ['Fit the effects of this budget', () => take({ kind: 'fit', effects: state.budget.effects }), 'Or fit another under “Model”. The page then finds what it misses.'];
   if (!state.model) return ['Fit a first model', () => take({ kind: 'fit', effects: FIRST }), `Of ${FIRST.map(wordsOf).join(', ')}; or choose effects under “Model”. The page then finds what it misses.`];
   if (!found && learned) return ['See what was discovered', go('missing'), ''];
   if (!found) return ['Find what is missing', () => attempt(() => post('diagnose')), 'Every effect of the catalogue is tried on data that the fit did not see.'];
