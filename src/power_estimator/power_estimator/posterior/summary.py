@@ -20,6 +20,7 @@ from power_estimator.posterior.priors import MISFIT
 from power_estimator.posterior.sensors import SCALES, SENSORS, spreads
 
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own
+_MISFITS = 4  # draws of what no formula explains for each of the rest, for ends that stand still
 _TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
 FORMULA = 0.03
@@ -59,7 +60,7 @@ def summarised(
         if weight >= _LEAST:
             begun = cell.solution.mean
             taken.append(draws(cell.normal, place, cell.sizes, begun, signed, random, weight))
-    drawn = np.concatenate(taken)
+    drawn = np.repeat(np.concatenate(taken), _MISFITS, axis=0)
     best = found[int(np.argmax(weights))]
     count = len(signed)
     formula = 1.0 + FORMULA * random.normal(size=(len(drawn), count))
