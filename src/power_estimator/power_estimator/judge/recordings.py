@@ -48,7 +48,7 @@ class Loaded:
 
     @property
     def judged_on(self) -> dict[str, list[str]]:
-        """What errors are of: names and fingerprints of the recordings, and what is left out."""
+        """Names and fingerprints of the recordings that errors are of, and seconds left out."""
         return {
             'recordings': [one['name'] for one in self.identities],
             'sha256': [one['sha256'] for one in self.identities],
