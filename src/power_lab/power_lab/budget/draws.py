@@ -1,16 +1,18 @@
 """Draws of a model's coefficients, as uncertain as its recordings leave them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from power_estimator.drive_types import owners
+from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.whole_robot import column_of, share_of
 from power_estimator.effects.model_file.model import EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.split import split
 from power_estimator.effects.training import Material
 from power_estimator.judge.judge import Judge
 from power_estimator.posterior.intervals import posterior_draws
@@ -19,6 +21,7 @@ from wattwalk_core.arrays import Floats
 _SECONDS: Final = 120.0  # of drives that share coefficients, which they are drawn from
 _LEAST_SECONDS: Final = 30.0
 _TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
+_MORE: Final = 1.1  # times the torque, of a difference quotient
 _TO_DEVIATION: Final = 1.0 / 1.96  # of a 95 % interval's half
 
 
@@ -79,8 +82,35 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     shifts = np.stack([_from_intervals(own, count, random) for own in errors], axis=1)
     alike = 1 if prepared.whole else min(len([m for m in members if m is own]) for own in members)
     seconds = max(_SECONDS / alike, _LEAST_SECONDS)
-    drawn, scale = posterior_draws(model, material.at_most(seconds).prepared, count, seed)
+    part = material.at_most(seconds).prepared
+    drawn, scale = posterior_draws(model, part, count, seed)
+    # The posterior's coefficients are those of the true torque, a model's those of the reading.
+    powers = _torque_exponents(model, part.signals, model.coefficients(members))
+    drawn *= (1.0 + scale)[..., None] ** powers
     return Draws(drawn, scale, structure, point, terms, measured, shifts)
+
+
+def _torque_exponents(model: EffectModel, signals: Signals, coefficients: Floats) -> Floats:
+    """Exponents of the torque in the power of each coefficient [D, m]: 2 for the copper loss.
+
+    At the same speed of the motor, and 0 of effects of the drawn power, which is as metered.
+    """
+    structure, rigid = model.structure, coefficients.copy()
+    for active in structure.free:
+        if active.effect.acts_on == 'speed':
+            rigid[:, structure.columns_of(active.name)] = 0.0
+    torque, rate = _MORE * signals.torque, _MORE * signals.torque_rate
+    loaded = replace(signals, torque=torque, motor_torque=torque, torque_rate=rate)
+    usual, more = (split(structure, rigid, one).slopes for one in (signals, loaded))
+    out = np.zeros_like(coefficients)
+    for active in structure.free:
+        for column in structure.columns_of(active.name):
+            key = active.name, column
+            if key in usual and 'drawn' not in active.effect.follows:
+                before, after = (np.mean(np.square(own[key]), axis=0) for own in (usual, more))
+                shown = before > 0.0
+                out[shown, column] = 0.5 * np.log(after[shown] / before[shown]) / np.log(_MORE)
+    return out
 
 
 class _Places:

@@ -13,7 +13,7 @@ from rich.table import Table
 from power_lab.budget.account import Account, BudgetDifference, Share
 from power_lab.budget.families import FAMILIES, family_of
 from power_lab.budget.levers import Lever
-from power_lab.budget.tally import UNEXPLAINED
+from power_lab.budget.tally import ELECTRONICS, UNEXPLAINED
 
 _WIDTH = 100
 _COLUMNS = 6  # members or phases side by side
@@ -45,6 +45,8 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
         return said
     best = min(sure, key=lambda one: one.mean_w)
     name, _, factor = best.change.partition('=')
+    if name == 'idle' and 'idle' not in {one.effect for one in shares}:
+        name = ELECTRONICS  # a robot with one meter
     change = f'{abs(float(factor) - 1.0):.0%} {"less" if float(factor) < 1.0 else "more"}'
     return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.1f} W'
 
