@@ -47,7 +47,8 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
     name, _, factor = best.change.partition('=')
     if name == 'idle' and 'idle' not in {one.effect for one in shares}:
         name = ELECTRONICS  # a robot with one meter
-    change = f'{abs(float(factor) - 1.0):.0%} {"less" if float(factor) < 1.0 else "more"}'
+    by = 100.0 * (float(factor) - 1.0)
+    change = f'{abs(by):.3g} % {"less" if by < 0.0 else "more"}'
     return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.1f} W'
 
 
