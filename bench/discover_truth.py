@@ -8,11 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from truth_circuit import RATE, Faults, Truth, _first_order, _ladder, _measure, _smooth, _walk
+from wattwalk_core.arrays import Floats
 
-Floats = NDArray[np.float64]
 Draw = np.random.Generator
 
 

@@ -14,8 +14,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, lfilter, sosfilt
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 RATE = 2000.0
 NAMES = ('LF_HAA', 'LF_HFE', 'LF_KFE')

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr, ndtr, ndtri
+from wattwalk_core.arrays import Bools, Floats
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 _HELD = 1e-5  # spread of a coefficient that is held at 0
 _SWEEPS, _WARMING = 240, 40
 _FAR = 6.0  # standard deviations

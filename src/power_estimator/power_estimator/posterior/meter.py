@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, BasePower, Structure, weighted
@@ -29,7 +30,6 @@ from power_estimator.posterior.priors import (
 )
 from power_estimator.posterior.sensors import SENSORS, UNMOVED, SensorErrors
 
-Floats = NDArray[np.float64]
 Point = Mapping[str, tuple[Active, Floats]]
 """Coefficients in SI by name of the effect."""
 FRICTIONS: Final = ('viscous_friction', 'coulomb_friction', 'stribeck_friction')

@@ -4,12 +4,11 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
 
-Floats = NDArray[np.float64]
 _TAPS: Final = 64
 
 

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,12 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 from power_estimator.effects.signals.prepared import WHOLE
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import save_figure, style
 
 from power_lab.budget.account import Account
 from power_lab.budget.budget import Budget
 from power_lab.budget.families import FAMILIES, family_of
-
-Floats = NDArray[np.float64]
 
 _METERED: Final = '#4D4D4D'
 _BINS: Final = 24  # of a gait cycle: strides of half a second have 25 rows

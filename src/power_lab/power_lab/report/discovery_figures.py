@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
-Floats = NDArray[np.float64]
 _BAND = 'rgba(128,128,128,0.25)'
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.discover.found import Found
@@ -11,8 +11,6 @@ from power_lab.discover.outcome import DiscoveryOutcome
 from power_lab.discover.transfer import Transfer
 from power_lab.report import discovery_figures, figures
 from power_lab.structure.shapes import LearnedShape
-
-Floats = NDArray[np.float64]
 
 
 def write_discovery(path: Path, outcome: DiscoveryOutcome) -> None:

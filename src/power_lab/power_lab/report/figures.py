@@ -6,12 +6,12 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
+from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
 from power_lab.compare.regimes import UNITS, bins
 from power_lab.compare.worst_stretch import worst_stretch
 
-Floats = NDArray[np.float64]
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
 _MAP_BINS = 22
 

@@ -10,6 +10,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import WHOLE, Prepared
 from power_estimator.judge.result import over_meters
 from power_estimator.posterior.sensors import SENSORS
+from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
@@ -18,8 +19,6 @@ from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
 from power_lab.report.staircase import Stairs
 from power_lab.structure.words import in_words, verdict_in_words
-
-Floats = NDArray[np.float64]
 
 _HIGHEST = 2.5  # times the highest error, of lines that are drawn
 

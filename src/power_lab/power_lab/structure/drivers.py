@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Signals, smooth_sign
+from wattwalk_core.arrays import Floats
 
 from power_lab.structure.memory import after_rest, by_stretch, lagged, play
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

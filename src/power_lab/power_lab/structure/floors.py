@@ -1,12 +1,10 @@
 """Floors below which nothing is named, and effects that no name fits."""
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.evidence import Evidence
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 _OF_NOISE = 0.5  # of the meter's noise: nothing smaller is told
 _ALONE = 2.0

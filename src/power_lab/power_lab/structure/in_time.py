@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Effect, Signals, Term
+from wattwalk_core.arrays import Floats
 
 from power_lab.structure.problem import DriveProblem
-
-Floats = NDArray[np.float64]
 
 _SHORTEST = 3.0  # s, of a cycle: shorter ones are steps of the gait
 _HARMONICS = 6

@@ -1,9 +1,7 @@
 """States that remember the motion: lags, rest, play; their sources go into files of effects."""
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 
 def lagged(values: Floats, before: Floats | None, rate: float, seconds: float) -> Floats:

@@ -12,8 +12,7 @@ from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.evidence import Evidence
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 
 @dataclass(frozen=True)

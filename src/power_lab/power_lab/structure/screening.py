@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
+from wattwalk_core.arrays import Floats
 
 from power_lab.structure.drivers import Factor, Family, driver_values, factor_values
 from power_lab.structure.problem import DriveProblem, price
-
-Floats = NDArray[np.float64]
 
 MOVES = 39
 """Residuals without a cause: the largest of 39 is exceeded by chance in 1 of 40."""

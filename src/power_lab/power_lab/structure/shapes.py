@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
+from wattwalk_core.arrays import Floats
 
 from power_lab.structure.drivers import Family, driver_values, factor_values
 from power_lab.structure.problem import DriveProblem, Moments, price
-
-Floats = NDArray[np.float64]
 
 NODES, OF_TURN, OF_POSITION = 33, 97, 49
 """Nodes of a shape: over most drivers, over a turn, over a position."""

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-Singles = NDArray[np.float32]
+from wattwalk_core.arrays import Singles
 
 FACTOR = 4
 """Blocks of one level in a block of the next."""

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-
-Singles = NDArray[np.float32]
+from wattwalk_core.arrays import Singles
 
 _SHORTEST = 0.16  # s of a period
 _LONGEST = 4.0

@@ -14,12 +14,10 @@ from power_estimator.judge.recordings import Loaded
 from power_lab.compare.comparison import Comparison, describe_state
 from power_lab.compare.regimes import standstill
 from power_lab.compare.worst_stretch import worst_stretch
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Floats, Singles
 
 from power_workbench.views.pyramid import Pyramid
 from power_workbench.views.stride import StridePhase, stride_phase
-
-Singles = NDArray[np.float32]
 
 _LONGEST_GAP = 60.0  # s, that is shown as long as it was
 BETWEEN = 2.0
