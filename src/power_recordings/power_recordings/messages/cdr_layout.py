@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -78,11 +79,15 @@ class Layout:
 
     def matches(self, messages: Bytes) -> Bools:
         """Return a mask of those of messages [N, size] that have this layout."""
-        example = np.frombuffer(self._example, np.uint8)
-        same = np.ones(len(messages), np.bool_)
-        for part in self._fixed:
-            same &= (messages[:, part] == example[part]).all(axis=1)
-        return same
+        places, values = self._same
+        return np.asarray((messages[:, places] == values).all(axis=1))
+
+    @cached_property
+    def _same(self) -> tuple[NDArray[np.intp], Bytes]:
+        """Places of the bytes that all messages of the layout have alike, and these bytes."""
+        places = np.concatenate([np.r_[part] for part in self._fixed] or [np.empty(0)])
+        places = places.astype(np.intp)
+        return places, np.frombuffer(self._example, np.uint8)[places]
 
     def decode(self, messages: Bytes, path: str) -> NDArray[Any]:
         """Return the numbers of a field of messages [N, size]: [N] or [N, count]."""
