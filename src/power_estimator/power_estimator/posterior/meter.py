@@ -40,11 +40,12 @@ _LOW: Final = 0.15  # of the rms speed, below which friction is another
 
 @dataclass(frozen=True)
 class Noise:
-    """Spread of the errors, weights of rows, and how many of them count as one."""
+    """Spread of the errors, and what is weighted by it once for all sets of effects."""
 
     variance: float  # W²
-    weights: Floats  # [N]
-    tempering: float
+    rows: NDArray[np.intp]  # [K] that count
+    root: Floats  # of their weights, 1/W [K, 1]
+    features: Turned  # the discrepancy's
 
 
 class MeterProblem:
@@ -60,7 +61,6 @@ class MeterProblem:
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
         self.absent: dict[tuple[object, ...], Floats] = {}
-        self._turned: Turned | None = None
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
         shown = self.power()[self.used]
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
@@ -265,10 +265,11 @@ class MeterProblem:
         inverse = np.linalg.inv(gram / variance + np.diag(spread**-2))
         meat = np.einsum('ij,ji->i', inverse, scores.T @ scores)[:count].sum()
         bread = np.einsum('ij,ji->i', inverse, gram / variance)[:count].sum()
-        everywhere = np.zeros(len(self.used))
-        everywhere[rows] = weights
         tempering = max(self._overlapping(), float(meat / max(bread, 1e-12)))
-        self.noise, self._turned = Noise(variance, everywhere, tempering), None
+        root = np.sqrt(weights / (variance * tempering))[:, None]
+        power = self.prepared.power[:, rows, 0].T.astype(np.float64)
+        features = Turned.of(self._general_w[rows] * root, power * root)
+        self.noise = Noise(variance, rows, root, features)
         counts = Counter(active.name for active in columns.actives for _ in active.effect.terms)
         self.absent = {
             active.key: columns.effects[:, columns.places(active)]
@@ -288,23 +289,14 @@ class MeterProblem:
     def _general_w(self) -> Floats:
         return self.rms * self.general.values
 
-    def _weights(self) -> tuple[NDArray[np.intp], Floats]:
-        """Rows that count, and the roots of their weights."""
-        assert self.noise is not None
-        weights = self.noise.weights / (self.noise.variance * self.noise.tempering)
-        rows = np.flatnonzero(weights)
-        return rows, np.sqrt(weights[rows])[:, None]
-
     def weighed(self, columns: EffectColumns) -> Weighed:
         """Weighted products of all columns with one another and with the power."""
-        rows, root = self._weights()
-        if self._turned is None:
-            power = self.prepared.power[:, rows, 0].T.astype(np.float64)
-            self._turned = Turned.of(self._general_w[rows] * root, power * root)
+        assert self.noise is not None
+        rows, root = self.noise.rows, self.noise.root
         parts = columns.effects, columns.nuisance, columns.bent, columns.absent
         a = np.concatenate(parts, axis=1)[rows]
         a *= root
-        return self._turned.beside(a, columns.constant[rows] * root[:, 0])
+        return self.noise.features.beside(a, columns.constant[rows] * root[:, 0])
 
     def normals(self, columns: EffectColumns) -> list[NormalEquations]:
         """Normal equations at each size of the discrepancy, for all delays of the power."""
@@ -318,10 +310,10 @@ class MeterProblem:
 
         mean: of effects and nuisances [n + z].
         """
+        assert self.noise is not None
         weights = self.weighed(columns).smooth(normal, mean, place)
-        assert self._turned is not None
         bent, absent = columns.bent.shape[1], columns.absent.shape[1]
-        general = self._turned.turn @ weights[bent + absent :]
+        general = self.noise.features.turn @ weights[bent + absent :]
         return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
 
 

@@ -1,5 +1,6 @@
 """Draws of a model's coefficients, as uncertain as its recordings leave them."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -80,8 +81,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     errors = [[group.measurement[term.name] for term in terms] for group in by_meter]
     measured = np.array([[error.value for error in own] for own in errors])
     shifts = np.stack([_from_intervals(own, count, random) for own in errors], axis=1)
-    alike = 1 if prepared.whole else min(len([m for m in members if m is own]) for own in members)
-    seconds = max(_SECONDS / alike, _LEAST_SECONDS)
+    fewest = 1 if prepared.whole else min(Counter(map(id, members)).values())
+    seconds = max(_SECONDS / fewest, _LEAST_SECONDS)
     part = material.at_most(seconds).prepared
     drawn, scale = posterior_draws(model, part, count, seed)
     # The posterior's coefficients are those of the true torque, a model's those of the reading.

@@ -23,7 +23,7 @@ from power_lab.diagnose.findings import Diagnosis, short
 from power_lab.diagnose.judged_steps import JudgedSteps, judged_steps
 from power_lab.diagnose.measurement import MeasurementTerm, measurement_terms
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.verdict import remainder, sentence, to_do
+from power_lab.diagnose.verdict import remainder, sentence, to_add, to_do
 from power_lab.structure.words import in_words
 
 _MOST_ASKED = 3
@@ -59,9 +59,8 @@ class Outcome:
 
     @property
     def next_effects(self) -> tuple[str, ...]:
-        """Effects to add to the model, none where held-out data does not bear them out."""
-        before, after = self._errors
-        return self.diagnosis.effects if self.verdict == 'named' and after < before else ()
+        """Effects to add to the model."""
+        return to_add(self.diagnosis, *self._errors)
 
     @cached_property
     def headline(self) -> str:

@@ -83,11 +83,16 @@ def remainder(diagnosis: Diagnosis) -> str:
     )
 
 
+def to_add(diagnosis: Diagnosis, before: float, after: float) -> tuple[str, ...]:
+    """Return the effects that are named, none where held-out data does not bear them out."""
+    return diagnosis.effects if diagnosis.verdict == 'named' and after < before else ()
+
+
 def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
     """Return the next step in a sentence."""
     record = 'record the motion of `next_recording`'
-    if diagnosis.verdict == 'named' and after < before:
-        return f'Next: `power_lab add {" ".join(diagnosis.effects)}`, then diagnose again.'
+    if effects := to_add(diagnosis, before, after):
+        return f'Next: `power_lab add {" ".join(effects)}`, then diagnose again.'
     if diagnosis.verdict == 'named':
         return f'Next: {record} before adding it; this recording does not bear it out.'
     if diagnosis.verdict == 'ambiguous':

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import one_thread_a_product
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.judge.evidence import Evidence, Examiner
-from threadpoolctl import threadpool_limits
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
@@ -62,12 +62,9 @@ class Discoverer:
         self._trials = 0
         self._names_left = True
 
+    @one_thread_a_product()
     def run(self) -> Discovery:
-        """All of it, on one thread: its matrices are small, and threads would only wait."""
-        with threadpool_limits(limits=1):
-            return self._run()
-
-    def _run(self) -> Discovery:
+        """All of it."""
         self.show('fitting the model')
         self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
         base = best = self._examined(self.structure)

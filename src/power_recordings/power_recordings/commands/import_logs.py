@@ -96,7 +96,7 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
     lines = [f'# {printable(str(source.path))}: {len(listed)} columns']
     columns = {item.column.address for item in listed}
     for other in others:
-        own = {item.column.address for item in list_columns(other)}
+        own = {column.address for column in other.columns()}
         same = 'the same columns' if own == columns else 'other columns: list it by itself'
         lines.append(f'# {printable(str(other.path))}: {same}')
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
