@@ -85,10 +85,11 @@ class RandomConfig:
     push_first: Annotated[float, Quantity(0.0, 1.0, '', 'share of the push at first')] = 1.0
     push_from: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps with that')] = 0.0
     push_to: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps to the full push')] = 0.0
-    delay: Annotated[float, Quantity(0.0, 0.02, 's', 'of targets, longest')] = 0.015
+    delay: Annotated[float, Quantity(0.0, 0.02, 's', 'of targets, ± about the plant’s')] = 0.015
     stiffness: Annotated[float, Quantity(0.0, 0.5, '', 'spread of both gains')] = 0.1
     drive_friction: Annotated[float, Quantity(0.0, 0.9, '', 'spread')] = 0.3
     inertia: Annotated[float, Quantity(0.0, 0.9, '', 'spread of the rotors')] = 0.2
+    torque_loop: Annotated[float, Quantity(0.0, 0.9, '', 'spread of the bandwidths')] = 0.0
     pose: Annotated[float, Quantity(0.0, 0.9, '', 'spread of initial joint angles')] = 0.5
     velocity: Annotated[float, Quantity(0.0, 2.0, 'm/s, rad/s', 'initial, ±')] = 0.5
     resting: Annotated[float, Quantity(0.0, 1.0, '', 'share that starts standing')] = 0.2

@@ -57,7 +57,7 @@ def test_a_wrong_plant_file_is_refused_with_the_value_in_the_message(tmp_path, t
 
 
 def test_a_missing_plant_file_names_the_shipped_ones(tmp_path):
-    with pytest.raises(InputError, match='anymal_c, ideal'):
+    with pytest.raises(InputError, match='anymal_c, anymal_c_published, ideal'):
         Plant.load(tmp_path / 'nowhere.yaml')
 
 

@@ -59,7 +59,7 @@ def orientation(s: RewardState) -> Floats:
 
 
 def torques(s: RewardState) -> Floats:
-    """Squared torques of the motors, (N·m)² [N]."""
+    """Squared torques on the joints, (N·m)² [N]."""
     return _square_sum(s.motion.torque)
 
 

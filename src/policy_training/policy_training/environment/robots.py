@@ -120,7 +120,7 @@ class RobotMotion:
     gravity: Floats  # unit vector [N, 3], base frame
     position: Floats  # rad [N, 12]
     joint_velocity: Floats  # rad/s [N, 12]
-    torque: Floats  # N·m [N, 12], of the motors, mean of squares over the step, rooted
+    torque: Floats  # N·m [N, 12], on the joints, mean of squares over the step, rooted
     foot_force: Floats  # N [N, 4], upwards
     collisions: Floats  # thighs and shanks on the ground [N]
     fallen: Bools  # [N]
@@ -227,11 +227,12 @@ class Robots:
             motor, self._control[:] = drives.push(position, velocity)
             self._ground.follow(self._soles[:, self._sole_ids])
             self._batch.step()
-            squares += motor * motor
+            output = drives.output(velocity)
+            squares += output * output
             self.substeps.append(
                 Substep(
                     position_error=drives.target - position,
-                    torque=drives.output(velocity),
+                    torque=output,
                     velocity=velocity.copy(),
                     motor=motor,
                     rotor_speed=drives.rotor_speed,

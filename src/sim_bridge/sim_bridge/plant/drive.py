@@ -1,5 +1,6 @@
 """Mechanical side of the drives: controller, limits, friction, rotor, cogging and spring."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -107,13 +108,15 @@ class Drives:
         cogging = p['cogging'] * effects.cogging.scale
         rows = (droop, p['torque_limit'], cogging, p['cogging_order'], self.inertia)
         self._table = np.array((*rows, self.stiffness, self.damping))
-        self._loop, steps = _torque_loop(plant, p, self.inertia, self.stiffness, step)
+        self._loop, steps = _loop_table(plant, p, self.inertia, self.stiffness, step)
         self._delayed, self._count = np.zeros((len(names), 1 + steps)), 0
+        self._late = round(plant.command_delay / step)
+        self._pending: deque[tuple[int, Floats]] = deque()
         self._held = np.zeros((5, len(names)))
-        self._kp, self._kd, self._feed, self._ceiling, self._floor = self._held
+        self._ceiling, self._floor = self._held[3:]
         self.rotor = np.zeros(len(names))
         self.rotor_velocity = np.zeros(len(names))
-        self.hold(JointCommand())
+        self._held[1] = VELOCITY_GAIN
         self.set_voltage(plant.supply.voltage)
 
     @property
@@ -128,7 +131,7 @@ class Drives:
         self._delayed[:] = 0.0
 
     def hold(self, command: JointCommand) -> None:
-        """Hold a command from the next step on; NaN in it damps that drive."""
+        """Hold a command once the plant's delay has passed; NaN in it damps that drive."""
         count = len(self.names)
         nothing = np.zeros(count)
         velocity = nothing if command.velocity is None else command.velocity
@@ -143,9 +146,12 @@ class Drives:
             kp, kd, target = 0.0, VELOCITY_GAIN, nothing
         feed = kp * target + kd * velocity + effort
         good = np.isfinite(feed)
-        self._kp[:] = np.where(good, kp, 0.0)
-        self._kd[:] = np.where(good, kd, VELOCITY_GAIN)
-        self._feed[:] = np.where(good, feed, 0.0)
+        held = (
+            np.where(good, kp, 0.0),
+            np.where(good, kd, VELOCITY_GAIN),
+            np.where(good, feed, 0.0),
+        )
+        self._pending.append((self._count + self._late, np.array(held)))
 
     def set_voltage(self, voltage: float) -> None:
         """Set the bus voltage, V, which limits torque at speed."""
@@ -157,6 +163,8 @@ class Drives:
 
         position (rad) and velocity (rad/s) are the joints' now; row counts within the block.
         """
+        while self._pending and self._pending[0][0] <= self._count:
+            self._held[:3] = self._pending.popleft()[1]
         drive_step(
             self.friction.table,
             self._table,
@@ -176,14 +184,26 @@ class Drives:
         self._count += 1
 
 
-def _torque_loop(
+def torque_loop(
+    plant: Plant, p: dict[str, Floats], inertia: Floats, stiffness: Floats
+) -> tuple[Floats, Floats]:
+    """Return the gains of the torque loops on the error, and on the spring's rate, N·m·s/rad.
+
+    They place the poles of a rotor, kg·m², behind a spring, N·m/rad, whose joint is held. Without
+    the effect both are 0: the motor then gives what the position loop asks of it.
+    """
+    natural = 2.0 * np.pi * p['loop_bandwidth'] * plant.effects.torque_loop.enabled
+    gain = np.maximum(natural * natural * inertia / stiffness - 1.0, 0.0)
+    damping = 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
+    return gain, damping * plant.effects.torque_loop.enabled
+
+
+def _loop_table(
     plant: Plant, p: dict[str, Floats], inertia: Floats, stiffness: Floats, step: float
 ) -> tuple[Floats, int]:
     """Return the table of the torque loops, and the steps that they remember; 0 without loops."""
     effects = plant.effects
-    natural = 2.0 * np.pi * p['loop_bandwidth']
-    gain = np.maximum(natural * natural * inertia / stiffness - 1.0, 0.0)
-    damping = 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
+    gain, damping = torque_loop(plant, p, inertia, stiffness)
     delay = np.rint(p['loop_delay'] * effects.torque_loop.scale / step)
     follows = 1.0 - np.exp(-2.0 * np.pi * p['current_bandwidth'] * step)
     ripple = p['torque_ripple'] * effects.torque_ripple.scale

@@ -71,13 +71,14 @@ def drive_step(
     for d in range(len(out)):
         speed = rotor_velocity[d] if elastic else velocity[d]
         droop = drive[0, d] * speed
-        torque = held[2, d] - held[0, d] * position[d] - held[1, d] * speed
+        damped = velocity[d] if steps > 0 else speed
+        torque = held[2, d] - held[0, d] * position[d] - held[1, d] * damped
         torque = max(min(torque, held[3, d] - droop), held[4, d] - droop)
         torque = max(min(torque, drive[1, d]), -drive[1, d])
         if steps > 0:
             turning = rotor_velocity[d] - velocity[d]
-            twist = drive[5, d] * (rotor[d] - position[d]) + drive[6, d] * turning
-            asked = torque + loop[0, d] * (torque - twist) - loop[1, d] * turning
+            read = drive[5, d] * (rotor[d] - position[d])
+            asked = torque + loop[0, d] * (torque - read) - loop[1, d] * turning
             asked = max(min(asked, held[3, d] - droop), held[4, d] - droop)
             delayed[d, 1 + count % steps] = max(min(asked, drive[1, d]), -drive[1, d])
             late = delayed[d, 1 + (count - int(loop[3, d])) % steps]

@@ -276,6 +276,7 @@ class Plant:
     meter: MeterParameters = field(default_factory=MeterParameters)
     sensors: SensorParameters = field(default_factory=SensorParameters)
     spread: Spread = field(default_factory=Spread)
+    command_delay: Annotated[float, Quantity(0.0, 0.05, 's', 'a command on its way')] = 0.0
     unit_number: Annotated[int, Quantity(0, 2**31 - 1)] = 0
     wear: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
