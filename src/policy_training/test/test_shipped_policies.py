@@ -39,11 +39,19 @@ def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
 @pytest.mark.parametrize('task', [t for t in TASKS if t.name != 'fast'], ids=lambda t: t.name)
 @pytest.mark.parametrize('name', shipped())
 def test_a_shipped_policy_walks_from_perfect_rest_without_noise(name, task):
-    walk = measure_walk(name, task, Plant.load('anymal_c'), duration=5.0, seed=5)
+    plant = Plant.load('anymal_c')
+    walk = measure_walk(name, task, plant, duration=5.0, seed=5, ideal=True)
     assert walk.falls == 0
     reached = walk.velocity[walk.steady].mean(axis=0)
     assert np.abs(reached - task.command).max() < 0.3
     assert np.linalg.norm(reached) > 0.5 * np.linalg.norm(task.command)
+
+
+@pytest.mark.parametrize('name', shipped())
+def test_a_shipped_policy_keeps_its_speed_on_what_the_sensors_read(name):
+    walk = measure_walk(name, FORWARD, Plant.load('anymal_c'), duration=6.0, seed=5)
+    assert walk.falls == 0
+    assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.12)
 
 
 def test_four_times_the_weight_on_power_draws_less_than_the_torque_term_on_the_same_command():

@@ -29,6 +29,20 @@ def test_the_papers_set_meters_one_drive_of_each_type_on_rough_ground_with_pushe
     assert len(seeds) == 3
 
 
+def test_each_policy_walks_the_papers_set_by_seeds_of_its_own(tmp_path, capsys):
+    folder, policies = tmp_path / 'paper', ['trot', 'paper_pmp']
+    arguments = ['paper', '-o', str(folder), '--seconds', '1', '--controllers', *policies]
+    assert record_command(arguments) == 0
+    cards = {bag.name: Recording.open(bag).card for bag in folder.iterdir()}
+    kinds = ('HAA', 'HFE', 'KFE')
+    assert sorted(cards) == sorted(f'{kind}_{name}' for kind in kinds for name in policies)
+    assert {cards[f'KFE_{name}'].controller for name in policies} == set(policies)
+    assert len({card.seed for card in cards.values()}) == 6
+    capsys.readouterr()
+    assert record_command(['robustness', '-o', str(folder), '--controllers', 'pmp']) == 2
+    assert '--controllers belongs to the set paper' in capsys.readouterr().err
+
+
 def test_the_robustness_set_has_other_gaits_and_another_unit(tmp_path, capsys):
     folder = tmp_path / 'set'
     assert record_command(['robustness', '-o', str(folder), '--seconds', '1']) == 0

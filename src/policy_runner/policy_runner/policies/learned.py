@@ -4,7 +4,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from wattwalk_core.anymal import FOOT_RADIUS, GRAVITY, JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
+from wattwalk_core.anymal import (
+    FOOT_RADIUS,
+    GRAVITY,
+    JOINT_NAMES,
+    POSITION_GAIN,
+    ROBOT_MASS,
+    VELOCITY_GAIN,
+)
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
@@ -14,16 +21,17 @@ from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
 
-_SETTLING: Final = 0.12  # s, in which the legs correct the accelerometer
+_SETTLING: Final = 0.25  # s, in which the legs correct the accelerometer
 _BLIND_SETTLING: Final = 0.04  # s, the same without an accelerometer
 _RISE: Final = 0.006  # m above the lowest foot at which a foot counts half
+_BEARS: Final = (0.0, 0.5)  # of the weight: a foot with less counts less, one with more fully
 
 
 class BaseVelocity:
     """Complementary filter: integration of the accelerometer, corrected by stance feet.
 
     A foot that stands moves, seen from the base, as the ground does; the lowest foot stands, and
-    so does one that is hardly higher.
+    so does one that is hardly higher, unless the torques of its leg say that it bears no weight.
     """
 
     def __init__(self) -> None:
@@ -44,11 +52,12 @@ class BaseVelocity:
         rate: Floats,
         *,
         acceleration: Floats | None = None,
+        effort: Floats | None = None,
     ) -> Floats:
         """Return the velocity in the base's frame, m/s [3].
 
         position rad [12], joint_velocity rad/s [12], gravity unit vector [3], rate rad/s [3], and
-        acceleration (with gravity, as an IMU feels it) m/s² [3] if known.
+        acceleration (with gravity, as an IMU feels it) m/s² [3] and effort N·m [12] if known.
         """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), _LONGEST_STEP)
         self._time = time
@@ -61,6 +70,8 @@ class BaseVelocity:
         by_leg = -(swept + rolling + np.cross(rate, soles))
         depth = soles @ gravity
         weight = np.exp2(-np.square((depth.max() - depth) / _RISE))
+        if effort is not None:
+            weight = _that_bear(weight, legs.jacobian, effort.reshape(4, 3), gravity)
         guess = self.velocity
         if acceleration is not None:
             guess = guess + dt * (acceleration + GRAVITY * gravity - np.cross(rate, guess))
@@ -68,6 +79,21 @@ class BaseVelocity:
         share = 1.0 - np.exp(-dt / settling)
         self.velocity = guess + share * (weight @ by_leg / weight.sum() - guess)
         return self.velocity
+
+
+def _that_bear(weight: Floats, jacobian: Floats, torque: Floats, gravity: Floats) -> Floats:
+    """Return weights of feet [4] without those that bear none by torques, N·m [4, 3].
+
+    All are kept where no foot bears any, and where a straight leg does not say.
+    """
+    try:
+        force = np.linalg.solve(np.swapaxes(jacobian, 1, 2), torque[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        return weight
+    low, high = _BEARS
+    share = force @ gravity / (ROBOT_MASS * GRAVITY)
+    bears = weight * np.clip((share - low) / (high - low), 0.0, 1.0)
+    return bears if bears.sum() > 0.1 else weight
 
 
 def _shank_rates(angles: Floats, turning: Floats) -> Floats:
@@ -146,6 +172,7 @@ class LearnedPolicy:
             inputs.gravity,
             inputs.spin,
             acceleration=inputs.acceleration,
+            effort=inputs.effort if len(inputs.effort) else None,
         )
         velocity = estimate if base_velocity is None else base_velocity
         if self._began is None or self._first is None:

@@ -68,6 +68,7 @@ def evaluate(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
     add('--unit', type=int, default=0, metavar='N', help='which unit of the robot')
     add('--rough', action='store_true', help='on rough ground rather than level')
+    add('--ideal', action='store_true', help='give policies the true state, not what sensors read')
     add('--trials', type=int, default=64, metavar='N', help='robots on rough ground; 0: none')
     add('--threads', type=int, default=0, metavar='N', help='of the trials; 0: one per core')
     add('--trust-code', action='store_true', help='run TorchScript files, which are code')

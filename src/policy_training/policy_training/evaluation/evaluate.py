@@ -261,6 +261,7 @@ def evaluate(
                     duration=options.duration,
                     seed=options.seed,
                     on_rough=options.rough,
+                    ideal=options.ideal,
                     trust_code=options.trust_code,
                 )
                 add(walk, name)
@@ -274,6 +275,7 @@ def evaluate(
         'plant': plant.name,
         'unit': plant.unit_number,
         'ground': 'rough' if options.rough else 'flat',
+        'inputs': 'true state' if options.ideal else 'sensors',
         'policies': entries,
         'trials': trials,
     }

@@ -10,7 +10,7 @@ from policy_runner.policies.by_name import load_policy
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.reading.reader import Recording
-from sim_bridge.offline.controllers import PolicyWalk
+from sim_bridge.offline.controllers import PolicyWalk, SensedWalk
 from sim_bridge.offline.run import OfflineRun
 from sim_bridge.offline.telemetry import gather
 from sim_bridge.plant.drive import JointCommand
@@ -55,16 +55,19 @@ def measure_walk(
     duration: float,
     seed: int,
     on_rough: bool = False,
+    ideal: bool = False,
     trust_code: bool = False,
 ) -> MeasuredWalk:
     """Run a policy (a name or a folder) on a task and measure it.
 
     Offline, through the wire's quantisation and the meter, as a recording would have it. Only
-    stretches of constant velocity are marked as steady (Section II-B). InputError for a policy
-    that is not there.
+    stretches of constant velocity are marked as steady (Section II-B). ideal: the policy is given
+    the true state, with the velocity of the base, in place of what the sensors read. InputError
+    for a policy that is not there.
     """
     world = walking_world(rough(seed) if on_rough else FLAT)
-    controller = PolicyWalk(source, load_policy(source, trust_code=trust_code), task)
+    walk = PolicyWalk if ideal else SensedWalk
+    controller = walk(source, load_policy(source, trust_code=trust_code), task)
     telemetry = list(OfflineRun(plant, world, controller, duration=duration, seed=seed))
     recording = gather(f'{source} {task.name}', telemetry, world.joints, world.joints)
     falls = sum(event.kind == 'fall' for part in telemetry for event in part.events)

@@ -90,11 +90,20 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
     add('--seed', type=int, default=SEED, help='of commands, noise, terrain and pushes')
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add(
+        '--controllers',
+        nargs='+',
+        default=['trot'],
+        metavar='POLICY',
+        help='of the set paper: policies that each walk all of it, by name or folder (trot)',
+    )
     add_workplace(parser, 'recordings')
     options = parser.parse_args(own_arguments(args))
     options.place = Workplace.of(options)
     if (options.set == 'ageing') != (options.plan is not None):
         raise InputError('--plan FILE.yaml belongs to the set ageing; give both or neither')
+    if options.set != 'paper' and options.controllers != ['trot']:
+        raise InputError(f'--controllers belongs to the set paper; {options.set} has its own')
     return options
 
 

@@ -1,6 +1,7 @@
 """`ros2 run sim_bridge record`: make recordings to train and evaluate power models on."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from sim_bridge.plant.ageing import AgeingPlan
 from sim_bridge.plant.parameters import Plant
 
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s
+_APART = 100  # seeds between controllers, more than a set has recordings
 
 
 @dataclass(frozen=True)
@@ -33,11 +35,25 @@ class RecordingPlan:
     pushes: bool = False
 
 
-def plans(which: str, seed: int = SEED) -> tuple[RecordingPlan, ...]:
-    """Return the recordings of the set `paper` or `robustness`, with seeds that count up."""
+def plans(
+    which: str, seed: int = SEED, controllers: Sequence[str] = ('trot',)
+) -> tuple[RecordingPlan, ...]:
+    """Return the recordings of the set `paper` or `robustness`, with seeds that count up.
+
+    controllers: policies that walk the set `paper`, by name or folder, each all of it.
+    """
     if which == 'paper':
+        alone = len(controllers) == 1
         return tuple(
-            RecordingPlan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
+            RecordingPlan(
+                kind if alone else f'{kind}_{_short(controller)}',
+                seed + i + _APART * number,
+                (f'LF_{kind}',),
+                controller,
+                terrain='rough',
+                pushes=True,
+            )
+            for number, controller in enumerate(controllers)
             for i, kind in enumerate(JOINT_TYPES)
         )
     if which == 'robustness':
@@ -47,6 +63,12 @@ def plans(which: str, seed: int = SEED) -> tuple[RecordingPlan, ...]:
             RecordingPlan('unit', seed + 12, JOINT_NAMES, unit=2),
         )
     raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
+
+
+def _short(controller: str) -> str:
+    """Return the name of a policy, of its folder, or of the training that it is in."""
+    path = Path(controller)
+    return path.parent.name if path.name == 'policy' else path.name
 
 
 def record(
@@ -115,7 +137,7 @@ def run(options: argparse.Namespace) -> int:
         return _age(options)
     place = options.place
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
-    wanted = plans(options.set, options.seed)
+    wanted = plans(options.set, options.seed, options.controllers)
     made_of = partial(
         record,
         folder=options.output.absolute(),

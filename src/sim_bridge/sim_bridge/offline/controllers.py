@@ -14,7 +14,7 @@ from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import STEP, Simulation
-from sim_bridge.sensors.sensors import into_base
+from sim_bridge.sensors.sensors import BodyReadings, JointReadings, into_base
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 CONTROLLERS = (*POLICIES, 'stand')
@@ -58,18 +58,58 @@ class PolicyWalk:
 
     def command(self, simulation: Simulation) -> JointCommand:
         """Return joint targets for the robot's state, rad."""
-        base = simulation.base[None]
-        gravity, velocity = into_base(base[:, 3:7], np.vstack((_DOWN, base[:, 7:10])))
-        inputs, time = self._inputs, simulation.time
-        inputs.position, inputs.velocity = simulation.joint_position, simulation.joint_velocity
-        inputs.gravity, inputs.spin = gravity, base[0, 10:13]
-        self.velocity = self._commands(time)
-        targets = self._policy.step(time, self.velocity, inputs, velocity)
-        return JointCommand(position=targets)
+        return self._act(simulation.time, self._look(simulation))
 
     def reset(self) -> None:
         """Reset, after a fall."""
         self._policy.take_over()
+
+    def _look(self, simulation: Simulation) -> Floats:
+        """Take the true state; return the velocity of the base, m/s [3]."""
+        base, inputs = simulation.base[None], self._inputs
+        gravity, velocity = into_base(base[:, 3:7], np.vstack((_DOWN, base[:, 7:10])))
+        inputs.position, inputs.velocity = simulation.joint_position, simulation.joint_velocity
+        inputs.gravity, inputs.spin = gravity, base[0, 10:13]
+        return velocity
+
+    def _act(self, time: float, velocity: Floats | None) -> JointCommand:
+        self.velocity = self._commands(time)
+        targets = self._policy.step(time, self.velocity, self._inputs, velocity)
+        return JointCommand(position=targets)
+
+
+class SensedWalk(PolicyWalk):
+    """A policy as on the robot: its inputs are what the sensors read one joint sample ago.
+
+    The base's velocity is not among them; legs and IMU estimate it.
+    """
+
+    def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
+        super().__init__(name, policy, commands)
+        self._fresh = False
+
+    def sense(self, joints: JointReadings, body: BodyReadings | None) -> None:
+        """Take the last sample but one: the last is still on the bus."""
+        if body is None or len(joints.step) < 2:
+            return
+        inputs = self._inputs
+        inputs.position, inputs.velocity = joints.position[-2], joints.velocity[-2]
+        inputs.effort = joints.torque[-2]
+        inputs.on_imu(
+            int(body.step[-2]), body.orientation[-2], body.rate[-2], 0.0, body.acceleration[-2]
+        )
+        self._fresh = True
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """Return joint targets for what was sensed, rad; at first for the true state."""
+        if not self._fresh:
+            self._look(simulation)
+        return self._act(simulation.time, None)
+
+    def reset(self) -> None:
+        """Reset, after a fall."""
+        super().reset()
+        self._fresh = False
 
 
 class StandController:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
 
-from sim_bridge.offline.controllers import Controller
+from sim_bridge.offline.controllers import Controller, SensedWalk
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import STEP, PlantBlock, Simulation
 from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
@@ -103,6 +103,8 @@ class SimulatedSession:
             velocities.append(self._controller.velocity)
             self.simulation.hold(command)
             blocks.append(self.simulation.advance(self._controller.period))
+            if isinstance(self._controller, SensedWalk):
+                self._controller.sense(*self._instruments.sense(blocks[-1]))
         given = {
             entry.name: _stack([getattr(command, entry.name) for command in commands])
             for entry in fields(JointCommand)

@@ -1,7 +1,8 @@
 """Instruments of the plant, read block by block."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,17 +53,37 @@ class Instruments:
         self._temperature = TemperatureSensors(plant, temperature)
         self._supply = SupplySensor(plant, supply)
         self._body = BodySensors(body) if simulation.world.floating else None
+        self._sensed: list[tuple[JointReadings, BodyReadings | None]] = []
+
+    def sense(self, block: PlantBlock) -> tuple[JointReadings, BodyReadings | None]:
+        """Return what joints, IMU and feet read of a part of the next block, ahead of `read`."""
+        body = None if self._body is None else self._body.read(block)
+        self._sensed.append((self._joints.read(block), body))
+        return self._sensed[-1]
 
     def read(self, block: PlantBlock) -> InstrumentReadings:
         """Return the readings of the next block; blocks follow each other without a gap."""
+        if not self._sensed:
+            self.sense(block)
+        joints, body = zip(*self._sensed, strict=True)
+        self._sensed = []
         return InstrumentReadings(
             electrical=self._meter.read(block),
-            joints=self._joints.read(block),
+            joints=_joined(joints),
             temperature=self._temperature.read(block),
             supply=self._supply.read(block),
-            body=None if self._body is None else self._body.read(block),
+            body=None if self._body is None else _joined(body),
             odometry=None if self._body is None else read_odometry(block),
         )
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """Return readings that follow each other as one."""
+    if len(parts) == 1:
+        return parts[0]
+    kind = type(parts[0])
+    names = [entry.name for entry in fields(kind)]
+    return kind(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 class BusColumns:
