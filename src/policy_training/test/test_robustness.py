@@ -3,7 +3,11 @@ import policy_folders
 import pytest
 from policy_runner.policies.blended_network import Perceptron
 from policy_runner.policies.folder import read_folder
-from policy_training.evaluation.robustness import RobustnessConfig, evaluate_robustness
+from policy_training.evaluation.robustness import (
+    RobustnessConfig,
+    evaluate_robustness,
+    rough_world,
+)
 from wattwalk_core.errors import InputError
 
 
@@ -35,3 +39,8 @@ def test_a_policy_of_another_joint_order_cannot_be_tried(tmp_path):
 def test_trials_are_of_some_robots_for_some_seconds():
     with pytest.raises(InputError, match='robots: expected a whole number'):
         RobustnessConfig(robots=0)
+
+
+def test_trials_are_on_the_plant_that_is_named():
+    name = 'anymal_c_published'
+    assert rough_world(RobustnessConfig(plant=name)).physics.plant == name

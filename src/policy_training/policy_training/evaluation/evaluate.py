@@ -289,5 +289,5 @@ def _robustness(source: str, options: argparse.Namespace) -> RobustnessResult | 
         return None
     contract, tensors = read_folder(learned_folder(source))
     network = network_of(contract, tensors)
-    config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed)
+    config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed, plant=options.plant)
     return evaluate_robustness(contract, network, config, threads=options.threads)

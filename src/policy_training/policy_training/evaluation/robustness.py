@@ -23,7 +23,7 @@ _PUSHED: Final = 2.0  # s after a push that do not count
 
 @dataclass(frozen=True)
 class RobustnessConfig:
-    """Number of robots, duration and the range of their commands, m/s and rad/s."""
+    """Number of robots, duration, plant, and the range of their commands, m/s and rad/s."""
 
     robots: Annotated[int, Quantity(1, 4096)] = 64
     seconds: Annotated[float, Quantity(4.0, 600.0, 's')] = 20.0
@@ -31,6 +31,7 @@ class RobustnessConfig:
     lateral: float = 0.6
     yaw: float = 1.0
     seed: int = 1001
+    plant: str = 'anymal_c'
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -100,6 +101,7 @@ def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
     return TrainingConfig().with_values(
         {
             'seed': config.seed,
+            'physics.plant': config.plant,
             'physics.environments': config.robots,
             'physics.threads': threads,
             'physics.episode': config.seconds + 1,
