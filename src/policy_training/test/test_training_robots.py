@@ -156,6 +156,18 @@ def test_targets_arrive_after_each_robots_delay():
     assert 0 < counts[0] < counts[1] < counts[2] == counts[3] == 64
 
 
+def test_a_target_that_is_late_by_more_than_a_policy_step_still_arrives():
+    made = drives(plant=replace(PUBLISHED, command_delay=0.025))
+    made.start(np.arange(1), np.zeros((1, 12)))
+    followed = []
+    for step in range(12):
+        if step % 4 == 0:
+            made.aim(np.full((1, 12), 1.0 + step))
+        made.push(np.zeros((1, 12)), np.zeros((1, 12)))
+        followed.append(made.target[0, 0])
+    assert followed == [0.0] * 5 + [1.0] * 4 + [5.0] * 3
+
+
 def test_the_scripted_trot_walks_in_training_as_it_does_on_the_robot():
     made = robots(replace(FLAT, decimation=2))
     trots = [ScriptedTrot(TROTS['trot']) for _ in range(2)]

@@ -76,7 +76,8 @@ class BatchDrives:
         self.joint_damping: Floats = self._damper + 0.5 * timestep * self._spring  # [12]
         self.target = np.zeros((count, 12))
         self._next = np.zeros((count, 12))
-        self._age = 0
+        self._sent = np.zeros((int(self._delay.max(initial=0)) + 1, count, 12))
+        self._steps = 0
         self._rotor = np.zeros((count, 12))
         self._speed = np.zeros((count, 12))
         self._motor = np.zeros((count, 12))
@@ -88,6 +89,7 @@ class BatchDrives:
         """Reset the drives of some robots to rest in a pose, rad [len(ids), 12]."""
         self.target[ids] = pose
         self._next[ids] = pose
+        self._sent[:, ids] = pose
         self._rotor[ids] = pose
         self._speed[ids] = 0.0
         self._motor[ids] = 0.0
@@ -95,7 +97,6 @@ class BatchDrives:
     def aim(self, targets: Floats) -> None:
         """Send targets, rad, which each robot's drives follow after their delay."""
         self._next[:] = targets
-        self._age = 0
 
     def push(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Advance the rotors by one time step, with joints at positions, rad, and speeds, rad/s.
@@ -103,9 +104,10 @@ class BatchDrives:
         Returns the mean torque of the motors and, less what `joint_damping` makes of the joint's
         speed after the step, that on the joints, both N·m.
         """
-        arrived = self._delay <= self._age
-        self.target[arrived] = self._next[arrived]
-        self._age += 1
+        self._sent[self._steps % len(self._sent)] = self._next
+        arrived = (self._steps - self._delay) % len(self._sent)
+        self.target[:] = self._sent[arrived, np.arange(len(arrived))]
+        self._steps += 1
         h = self._timestep / _ROTOR_STEPS
         per_inertia = h / self._inertia
         k, c, more = self._spring, self._damper, 1.0 + self._gain
