@@ -5,6 +5,7 @@ import numpy as np
 import policy_folders
 import pytest
 from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.kinematics import forward
 from policy_runner.policies.learned import BaseVelocity
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_runner.supervisor.safety import FaultKind
@@ -139,6 +140,23 @@ def test_a_policy_that_goes_wild_ends_in_damping(tmp_path):
     machine.run(2.5)
     assert machine.supervisor.state is State.DAMPING
     assert machine.supervisor.fault.kind is FaultKind.TARGET_RANGE
+
+
+@pytest.mark.parametrize('measured', [True, False, 'nan'])
+def test_a_low_foot_that_bears_nothing_does_not_count_as_standing(measured):
+    """One leg swings its foot level with the ground; the others bear a third of the weight."""
+    down, legs = np.array([0.0, 0.0, -1.0]), forward(DEFAULT_POSE)
+    turning = np.zeros((4, 3))
+    turning[0] = np.linalg.solve(legs.jacobian[0], [1.0, 0.0, 0.0])  # m/s, ahead
+    effort = np.zeros((4, 3))
+    effort[1:] = np.swapaxes(legs.jacobian[1:], 1, 2) @ (52.1 * 9.81 / 3 * down)
+    given = {True: effort.ravel(), False: None, 'nan': np.full(12, np.nan)}[measured]
+    estimator = BaseVelocity()
+    for index in range(100):
+        found = estimator.update(
+            0.02 * index, DEFAULT_POSE, turning.ravel(), down, np.zeros(3), effort=given
+        )
+    assert abs(found[0]) < 0.01 if measured is True else found[0] < -0.2
 
 
 @pytest.mark.parametrize(('feels', 'limit'), [(True, 0.05), (False, 0.1)])

@@ -70,7 +70,7 @@ class BaseVelocity:
         by_leg = -(swept + rolling + np.cross(rate, soles))
         depth = soles @ gravity
         weight = np.exp2(-np.square((depth.max() - depth) / _RISE))
-        if effort is not None:
+        if effort is not None and np.isfinite(effort).all():
             weight = _that_bear(weight, legs.jacobian, effort.reshape(4, 3), gravity)
         guess = self.velocity
         if acceleration is not None:
