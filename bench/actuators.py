@@ -1,4 +1,4 @@
-"""What the paper's pair saves on other actuators: `python bench/actuators.py [--policies A B]`.
+"""Savings of the paper's pair on other actuators: `python bench/actuators.py [--policies A B]`.
 
 Each row changes one thing of the plant `anymal_c`; the last is `anymal_c_published`. Nothing is
 trained again. Walks of `evaluate`, on what the sensors read; means over its four tasks.
