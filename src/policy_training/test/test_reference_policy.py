@@ -6,7 +6,8 @@ import pytest
 import torch
 from policy_runner.policies.observations import CLOCKED
 from policy_training.commands.arguments import train as main
-from policy_training.learning.reference_policy import ReferencePolicy
+from policy_training.config import TrainingConfig
+from policy_training.learning.reference_policy import PolicyTrial, ReferencePolicy
 from policy_training.learning.run_folder import read_checkpoint, read_curves
 
 HELD = (
@@ -20,6 +21,17 @@ HELD = (
     ),
     *('imitation.robots=2', 'imitation.seconds=2', 'imitation.epochs=2', 'random.velocity=2.0'),
 )
+
+
+def test_a_policy_is_tried_on_the_plant_that_it_trains_on():
+    """A robot that stands draws less on drives without losses or electronics."""
+    still = [(torch.zeros(12, CLOCKED.size), torch.zeros(12))]
+    trial = {'selection.trial.calm': 1, 'selection.trial.pushed': 0, 'physics.threads': 1}
+    watts = []
+    for plant in ('anymal_c', 'ideal'):
+        config = TrainingConfig().with_values({**trial, 'physics.plant': plant})
+        watts.append(PolicyTrial(config, CLOCKED).run(still, seed=0).power)
+    assert watts[1] < 0.1 * watts[0]
 
 
 def rows(count, *, velocity=0.0, tilt=0.0):

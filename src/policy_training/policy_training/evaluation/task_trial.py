@@ -66,6 +66,7 @@ class TaskTrial:
         action_scale: float = 0.5,
         tasks: Sequence[Task] = TASKS,
         as_built: bool = False,
+        plant: str = 'anymal_c',
     ) -> None:
         """Prepare the robots.
 
@@ -78,7 +79,9 @@ class TaskTrial:
         self._observation = observation
         self.robots_each = len(self._tasks) * (config.calm + config.pushed)
         self._training = _level_world(config, controllers * self.robots_each, threads)
-        self._training = self._training.with_values({'action_scale': action_scale})
+        self._training = self._training.with_values(
+            {'action_scale': action_scale, 'physics.plant': plant}
+        )
         if as_built:
             self._training = self._training.with_values(_AS_BUILT)
         self._plant = Plant.load(self._training.physics.plant)

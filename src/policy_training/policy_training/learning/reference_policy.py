@@ -125,6 +125,7 @@ class PolicyTrial:
             threads=config.physics.threads,
             observation=observation,
             action_scale=config.action_scale,
+            plant=config.physics.plant,
         )
 
     def run(self, layers: Sequence[tuple[torch.Tensor, torch.Tensor]], seed: int) -> TrialScore:
