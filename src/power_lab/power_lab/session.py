@@ -143,7 +143,7 @@ class Session:
         from power_lab.diagnose.outcome import diagnose  # slow to import: the judge
 
         spec = self.spec or self.model.name
-        return diagnose(self.recordings, self.model, spec, self.judge.catalogue, seed, show)
+        return diagnose(self.judge, self.model, spec, seed, show)
 
     def discover(
         self,
@@ -153,7 +153,7 @@ class Session:
     ) -> DiscoveryOutcome:
         """Learn what the model misses and no catalogue has; test: another recording."""
         spec = self.spec or self.model.name
-        return discover(self.recordings, self.model, spec, self.judge.catalogue, test, show, seed)
+        return discover(self.judge, self.model, spec, test, show, seed)
 
     def stairs(self) -> Stairs:
         """Errors of the steps by which the model came about."""

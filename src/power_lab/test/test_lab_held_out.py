@@ -11,6 +11,7 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import write_model
 from power_estimator.effects.training import fit_model, material
 from power_estimator.judge.held_out import base_power
+from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.loader import load_model
 from power_estimator.network.checkpoint import (
@@ -100,7 +101,7 @@ def test_what_stands_on_a_network_is_judged_where_that_was_not_trained(loaded, n
 def test_a_test_part_too_short_to_judge_on_is_said_in_a_line(loaded, networks):
     spec = networks(8.0, 20.0)
     with pytest.raises(InputError, match=r'its test part leaves 11 s of LF_HAA to judge on'):
-        diagnose(loaded, EffectModel('none', Structure(()), base=spec), spec, CATALOGUE)
+        diagnose(Judge(loaded, CATALOGUE), EffectModel('none', Structure(()), base=spec), spec)
     known = load_model(networks(0.0, 99.0))
     assert np.isfinite(base_power(loaded, known, 'ppn').power).mean() > 0.9
 
@@ -108,7 +109,7 @@ def test_a_test_part_too_short_to_judge_on_is_said_in_a_line(loaded, networks):
 def test_a_diagnosis_of_a_network_that_knows_the_recording_is_of_its_test_part(loaded, networks):
     spec = networks(8.0, 40.0)
     one = replace(loaded, data=loaded.data.drives(['LF_KFE']))
-    found = diagnose(one, EffectModel('none', Structure(()), base=spec), spec, CATALOGUE)
+    found = diagnose(Judge(one, CATALOGUE), EffectModel('none', Structure(()), base=spec), spec)
     prepared = found.prepared
     since = prepared.time - loaded.data.time[0]
     seen = since[prepared.measured[:, 0]]

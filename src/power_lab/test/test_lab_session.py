@@ -3,10 +3,13 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from power_estimator.judge.estimator import JudgeSettings
+from power_estimator.judge.judge import Judge
 from power_lab.commands.arguments import add as add_command
 from wattwalk_core.errors import InputError
 
@@ -44,6 +47,15 @@ def test_each_step_returns_another_session_and_leaves_the_one_before(lab):
     assert less.effects.effects == before.effects
     assert less.score.rms_w == pytest.approx(lab.score.rms_w, abs=1e-6)
     assert [entry['step'] for entry in less.effects.history] == ['fit', 'add', 'fit']
+
+
+def test_a_diagnosis_is_judged_by_the_settings_of_the_sessions_judge(lab):
+    knee = replace(lab.recordings, data=lab.recordings.data.drives(['LF_KFE']))
+    settings = JudgeSettings(settling=5.0)
+    usual, later = (Judge(knee, lab.judge.catalogue, one) for one in (None, settings))
+    own = Session(later).fit('shaft copper_loss idle')
+    assert own.score.rms_w != pytest.approx(replace(own, judge=usual).score.rms_w, abs=0.01)
+    assert own.diagnose().judged.before.rms_w == pytest.approx(own.score.rms_w, abs=1e-6)
 
 
 def test_effects_are_added_and_removed_with_coefficients_shared_as_before(lab, tmp_path):

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 from power_estimator.effects.fit.design import Active
-from power_estimator.judge.recordings import load
-from power_lab.diagnose.outcome import Outcome, diagnose
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded, load
+from power_lab.diagnose.outcome import Outcome
 from power_lab.discover.discovery import FLOOR, FLOOR_SHARE_OF_RMS
-from power_lab.discover.outcome import discover
+from power_lab.session import Session
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError, printable
 
@@ -188,7 +189,7 @@ def _pool(
     found = [paths[name] for name in names]
     try:
         loaded = load(found, [history.joint], slow=request.slow, anyway=request.anyway)
-        outcome = diagnose(loaded, request.model, request.spec, request.catalogue)
+        outcome = _lab(loaded, request).diagnose()
     except InputError as error:
         return Pool(tuple(names), 'no_evidence', (), str(error)), None
     diagnosis = outcome.diagnosis
@@ -196,9 +197,12 @@ def _pool(
     return pool, outcome
 
 
+def _lab(loaded: Loaded, request: Request) -> Session:
+    return Session(Judge(loaded, request.catalogue), request.model, request.spec)
+
+
 def _discovered(outcome: Outcome, request: Request, show: Callable[[str], None]) -> str:
-    own = outcome.loaded, request.model, request.spec, request.catalogue
     try:
-        return discover(*own, None, show, 0).sentence
+        return _lab(outcome.loaded, request).discover(show=show).sentence
     except InputError as error:
         return str(error)

@@ -146,20 +146,19 @@ class Outcome:
 
 
 def diagnose(
-    loaded: Loaded,
+    judge: Judge,
     model: PowerModel,
     spec: str,
-    catalogue: Catalogue,
     seed: int = 0,
     show: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
-    """Say which effect the model misses on these recordings.
+    """Say which effect the model misses on the judge's recordings.
 
     A model that is not made of effects is taken as the base that effects are added to; a network
     that knows the recordings counts on its test part only. show takes what is being done.
     InputError for recordings that are too short or too still.
     """
-    given = model
+    loaded, catalogue, given = judge.recordings, judge.catalogue, model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
     under = power_under(loaded, model)
@@ -175,7 +174,7 @@ def diagnose(
         own = own.at_most(MOST_SECONDS)
     diagnosis = diagnosed(own, model.structure.actives, catalogue, seed, show)
     show('judging the steps on held-out data')
-    judged = judged_steps(Judge(loaded, catalogue), given, model, diagnosis, spec)
+    judged = judged_steps(judge, given, model, diagnosis, spec)
     prepared = diagnosis.prepared
     return Outcome(
         model=model,

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from power_estimator.effects import Catalogue
 from power_estimator.effects.catalogue import Catalogue as EffectCatalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
@@ -191,20 +190,19 @@ def _course_text(one: Found) -> str:
 
 
 def discover(
-    loaded: Loaded,
+    judge: Judge,
     model: PowerModel,
     spec: str,
-    catalogue: Catalogue,
     test: Loaded | None = None,
     show: Show = lambda text: None,
     seed: int = 0,
 ) -> DiscoveryOutcome:
-    """Learn what the model misses on these recordings, and test it on another one.
+    """Learn what the model misses on the judge's recordings, and test it on another one.
 
     InputError for recordings that are too short or too still, and where only the whole robot was
     metered.
     """
-    given = model
+    loaded, catalogue, given = judge.recordings, judge.catalogue, model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
     under = power_under(loaded, model)
@@ -228,11 +226,11 @@ def discover(
     better = replace(
         model, structure=model.structure.plus(*discovery.actives), groups=(), fitted_on=()
     )
-    before, after = Judge(loaded, catalogue).compare([given, better])
+    before, after = judge.compare([given, better])
     transfers: list[Transfer | None] = [None] * len(discovery.found)
     if test is not None and any(one.written for one in discovery.found):
         show('testing on another recording')
-        transfers = _tested(test, loaded, own, model, catalogue, discovery)
+        transfers = _tested(test, judge, own, model, discovery)
     return DiscoveryOutcome(
         model=model,
         loaded=loaded,
@@ -248,16 +246,16 @@ def discover(
 
 def _tested(
     test: Loaded,
-    loaded: Loaded,
+    judge: Judge,
     own: Material,
     model: EffectModel,
-    catalogue: Catalogue,
     discovery: Discovery,
 ) -> list[Transfer | None]:
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
-    whole = EffectCatalogue([*catalogue.values(), *effects.values()])
-    other = OtherRecording(test, own, loaded, model.base, whole)
+    whole = EffectCatalogue([*judge.catalogue.values(), *effects.values()])
+    on_test = Judge(test, whole, judge.settings)
+    other = OtherRecording(on_test, own, judge.recordings, model.base)
     actives = [*model.structure.actives, *(one.active for one in discovery.named)]
     before = other.score(actives)
     out: list[Transfer | None] = []

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import Material, fit_model
@@ -39,14 +38,13 @@ class OtherRecording:
 
     def __init__(
         self,
-        test: Loaded,
+        judge: Judge,
         own: Material,
         learned_on: Loaded,
         base: str | None,
-        catalogue: Catalogue,
     ) -> None:
-        """own: material of what was learned on, on a base model or none."""
-        self.judge = Judge(test, catalogue)
+        """judge: of the other recording. own: what was learned on, on a base model or none."""
+        self.judge = judge
         self.prepared, self.blocks = self.judge.prepared, Blocks.of(self.judge.prepared)
         self._under = None if base is None else fitted_base(learned_on, base)
         self._own, self._base, self._known = own, base, learned_on.identities

@@ -183,14 +183,8 @@ class SessionWorker:
         self, show: Show, source: Source, spec: str, output: Path, seed: int = 0
     ) -> dict[str, Any]:
         """Learn what no catalogue has; its effects are written to output, which is not run."""
-        from power_lab.discover.outcome import discover  # slow to import
-
-        catalogue = source.catalogue()
-        loaded = self._load(show, source)
-        model = load_model(spec, catalogue)
-        outcome = discover(
-            loaded, model, spec, catalogue, None, lambda text: show('progress', text), seed
-        )
+        lab = Session(Judge(self._load(show, source), source.catalogue())).load(spec)
+        outcome = lab.discover(show=lambda text: show('progress', text), seed=seed)
         if outcome.written:
             write_whole(output, outcome.source())
         return {
@@ -248,12 +242,9 @@ class SessionWorker:
     def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> 'Outcome':
         if self._outcome is not None and self._outcome[:2] == (source, spec):
             return self._outcome[2]
-        from power_lab.diagnose.outcome import diagnose  # slow to import
-
-        catalogue = source.catalogue()
-        loaded = self._load(show, source)
+        lab = Session(Judge(self._load(show, source), source.catalogue())).load(spec)
         show('progress', 'trying every effect of the catalogue')
-        outcome = diagnose(loaded, load_model(spec, catalogue), spec, catalogue, seed)
+        outcome = lab.diagnose(seed)
         self._outcome = (source, spec, outcome)
         return outcome
 
