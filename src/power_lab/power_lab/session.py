@@ -19,7 +19,7 @@ from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.budget import Budget, budget
-from power_lab.budget.choice import chosen_model, held_out_w, judge_of_pieces
+from power_lab.budget.choice import chosen_model, judge_of_pieces
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.fitting import extended, fitted, named_effects, refitted
 from power_lab.discover.outcome import DiscoveryOutcome, discover
@@ -131,7 +131,7 @@ class Session:
         how: dict[str, Any] = {'changes': changes, 'battery': battery, 'seed': seed}
         if self.given is None:
             model = chosen_model(judge_of_pieces(self.judge), seed)
-            return budget(self.judge, model, chosen=True, error_w=held_out_w(model), **how)
+            return budget(self.judge, model, chosen=True, **how)
         if not self.effects.fitted:
             return self.fit(self.effects.effects, name=self.effects.name).budget(**how)
         return budget(self.judge, self.effects, **how)

@@ -16,7 +16,6 @@ from wattwalk_core.arrays import Floats
 
 from power_lab.budget.account import Account, BudgetDifference
 from power_lab.budget.accounts import Accounts, PartsOverTime
-from power_lab.budget.choice import judge_of_pieces
 from power_lab.budget.levers import Lever, saved
 from power_lab.budget.tables import headline, tables
 from power_lab.budget.tally import Tally, interval
@@ -145,21 +144,18 @@ def budget(
     model: EffectModel,
     *,
     chosen: bool = False,
-    error_w: float | None = None,
     changes: Mapping[str, float] | None = None,
     battery: float | None = None,
     seed: int = 0,
 ) -> Budget:
     """Account for the power of recordings by a fitted model.
 
-    chosen: whether the model was; error_w: held out, where it is known; changes: factors by
-    lever, in place of 10 % of each; battery: Wh.
+    chosen: whether the model was; changes: factors by lever, in place of 10 % of each; battery:
+    Wh.
     """
     accounts = Accounts(judge, model, seed)
     rows, tallies = accounts.tallies()
-    if error_w is None:
-        remembers = any(active.effect.remembers for active in model.structure.actives)
-        error_w = (judge if remembers else judge_of_pieces(judge)).score(model).rms_w
+    error_w = judge.score(model).rms_w
     phases = tuple(rows.masks)
     of_recordings = tuple(
         Account(known['name'], own, phases)
