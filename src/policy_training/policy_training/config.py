@@ -19,7 +19,6 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml, shipped_file
 
 CONFIGS: Final = Path(__file__).parent / 'configs'
 GAITS: Final = Path(__file__).parent / 'gaits'
-POLICY: Final = 'policy'  # folder of the exported policy in that of its run
 
 
 def gait_path(source: str) -> Path:
@@ -85,7 +84,7 @@ class RandomConfig:
     push_first: Annotated[float, Quantity(0.0, 1.0, '', 'share of the push at first')] = 1.0
     push_from: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps with that')] = 0.0
     push_to: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps to the full push')] = 0.0
-    delay: Annotated[float, Quantity(0.0, 0.02, 's', 'of targets, ± about the plant’s')] = 0.015
+    delay: Annotated[float, Quantity(0.0, 0.02, 's', 'of targets, plant’s ± this')] = 0.015
     stiffness: Annotated[float, Quantity(0.0, 0.5, '', 'spread of both gains')] = 0.1
     drive_friction: Annotated[float, Quantity(0.0, 0.9, '', 'spread')] = 0.3
     inertia: Annotated[float, Quantity(0.0, 0.9, '', 'spread of the rotors')] = 0.2

@@ -14,6 +14,7 @@ from policy_runner.policies.trot import TROTS, ScriptedTrot
 
 SHIPPED: Final = Path(__file__).parents[1] / 'shipped'
 """Folder of the learned policies that come with this package."""
+EXPORTED: Final = 'policy'  # folder of the exported policy in that of its training
 
 
 class Policy(Protocol):
@@ -88,6 +89,12 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
         if path.suffix in SUFFIXES:
             return load_torchscript(path, trust_code=trust_code)
     return LearnedPolicy.load(learned_folder(source))
+
+
+def short_name(source: str) -> str:
+    """Return the name of a policy, of its folder, or of the training that it is in."""
+    path = Path(source)
+    return path.parent.name if path.name == EXPORTED else path.name
 
 
 def learned_folder(source: str) -> Path:

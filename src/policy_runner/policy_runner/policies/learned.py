@@ -21,10 +21,10 @@ from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
 
-_SETTLING: Final = 0.25  # s, in which the legs correct the accelerometer
+_SETTLING: Final = 0.25  # s, in which the legs correct the accelerometer; best of 2 on 24 walks
 _BLIND_SETTLING: Final = 0.04  # s, the same without an accelerometer
 _RISE: Final = 0.006  # m above the lowest foot at which a foot counts half
-_BEARS: Final = (0.0, 0.5)  # of the weight: a foot with less counts less, one with more fully
+_BEARS: Final = (0.0, 0.5)  # of the weight, on a foot that swings and on one that stands
 
 
 class BaseVelocity:
@@ -84,7 +84,7 @@ class BaseVelocity:
 def _that_bear(weight: Floats, jacobian: Floats, torque: Floats, gravity: Floats) -> Floats:
     """Return weights of feet [4] without those that bear none by torques, N·m [4, 3].
 
-    All are kept where no foot bears any, and where a straight leg does not say.
+    All are kept where no foot bears any. The legs' own weight is left out.
     """
     try:
         force = np.linalg.solve(np.swapaxes(jacobian, 1, 2), torque[..., None])[..., 0]

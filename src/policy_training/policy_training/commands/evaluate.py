@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.by_name import load_policy, short_name
 from power_estimator.loader import load_model
 from power_recordings.reading.bag_folder import check_recordings
 from rich.console import Console
@@ -14,7 +14,6 @@ from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
-from policy_training.config import POLICY
 from policy_training.evaluation.evaluate import evaluate
 from policy_training.evaluation.measured_walk import recorded_walk
 from policy_training.evaluation.report import write_report
@@ -26,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
     tasks = parse_tasks(options.tasks)
     if options.video is not None:
         options.video.mkdir(parents=True, exist_ok=True)
-    sources = {_name(source): policy_source(source) for source in options.policies}
+    sources = {short_name(source): policy_source(source) for source in options.policies}
     if len(sources) < len(options.policies):
         raise InputError(f'two policies are called the same among {", ".join(options.policies)}')
     for source in sources.values():
@@ -56,11 +55,6 @@ def _named_bag(text: str) -> tuple[str, Path]:
     if not equals or not name:
         raise InputError(f'--bags {text!r} is not NAME=BAG, such as pmp=bags/pmp_1')
     return name, Path(path)
-
-
-def _name(source: str) -> str:
-    path = Path(source)
-    return path.parent.name if path.name == POLICY else path.name
 
 
 def _print(console: Console, result: Mapping[str, Any]) -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from policy_runner.policies.by_name import POLICIES
+from policy_runner.policies.by_name import EXPORTED, POLICIES
 from torch.utils.tensorboard import SummaryWriter
 from wattwalk_core.errors import InputError
 from wattwalk_core.tensors import read_state
 
-from policy_training.config import POLICY, TrainingConfig
+from policy_training.config import TrainingConfig
 
 CONFIG: Final = 'config.yaml'
 CURVES: Final = 'curves.jsonl'
@@ -35,7 +35,7 @@ class RunFolder:
     @property
     def policy(self) -> Path:
         """Folder of the exported policy."""
-        return self.path / POLICY
+        return self.path / EXPORTED
 
     def start(self, config: TrainingConfig) -> None:
         """Begin a run; InputError for a folder that holds one."""
@@ -102,7 +102,7 @@ def read_curves(run: Path) -> list[dict[str, float]]:
 
 def policy_source(source: str) -> str:
     """Return the policy folder of a training run; names and other sources unchanged."""
-    inner = Path(source) / POLICY
+    inner = Path(source) / EXPORTED
     return str(inner) if source not in POLICIES and inner.is_dir() else source
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from power_estimator.effects.catalogue import Catalogue as EffectCatalogue
+from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
@@ -253,7 +253,7 @@ def _tested(
 ) -> list[Transfer | None]:
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
-    whole = EffectCatalogue([*judge.catalogue.values(), *effects.values()])
+    whole = Catalogue([*judge.catalogue.values(), *effects.values()])
     on_test = Judge(test, whole, judge.settings)
     other = OtherRecording(on_test, own, judge.recordings, model.base)
     actives = [*model.structure.actives, *(one.active for one in discovery.named)]

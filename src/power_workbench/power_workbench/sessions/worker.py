@@ -158,7 +158,7 @@ class SessionWorker:
         """
         key = {'source': source, 'spec': spec}
         try:
-            lab = Session(Judge(self._load(lambda *_: None, source), source.catalogue()))
+            lab = self._lab(lambda *_: None, source)
             own = lab.load(spec) if spec else lab
             found = (own if isinstance(own.given, EffectModel) else lab).budget()
         except InputError as error:
@@ -183,7 +183,7 @@ class SessionWorker:
         self, show: Show, source: Source, spec: str, output: Path, seed: int = 0
     ) -> dict[str, Any]:
         """Learn what no catalogue has; its effects are written to output, which is not run."""
-        lab = Session(Judge(self._load(show, source), source.catalogue())).load(spec)
+        lab = self._lab(show, source).load(spec)
         outcome = lab.discover(show=lambda text: show('progress', text), seed=seed)
         if outcome.written:
             write_whole(output, outcome.source())
@@ -242,11 +242,14 @@ class SessionWorker:
     def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> 'Outcome':
         if self._outcome is not None and self._outcome[:2] == (source, spec):
             return self._outcome[2]
-        lab = Session(Judge(self._load(show, source), source.catalogue())).load(spec)
+        lab = self._lab(show, source).load(spec)
         show('progress', 'trying every effect of the catalogue')
         outcome = lab.diagnose(seed)
         self._outcome = (source, spec, outcome)
         return outcome
+
+    def _lab(self, show: Show, source: Source) -> Session:
+        return Session(Judge(self._load(show, source), source.catalogue()))
 
     def _load(self, show: Show, source: Source) -> Loaded:
         with self._reading:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from policy_runner.policies.by_name import short_name
 from power_recordings.card import FILE, Card
 from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES
 from wattwalk_core.engine.task_engine import TaskEngine
@@ -46,7 +47,7 @@ def plans(
         alone = len(controllers) == 1
         return tuple(
             RecordingPlan(
-                kind if alone else f'{kind}_{_short(controller)}',
+                kind if alone else f'{kind}_{short_name(controller)}',
                 seed + i + _APART * number,
                 (f'LF_{kind}',),
                 controller,
@@ -63,12 +64,6 @@ def plans(
             RecordingPlan('unit', seed + 12, JOINT_NAMES, unit=2),
         )
     raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
-
-
-def _short(controller: str) -> str:
-    """Return the name of a policy, of its folder, or of the training that it is in."""
-    path = Path(controller)
-    return path.parent.name if path.name == 'policy' else path.name
 
 
 def record(

@@ -84,9 +84,7 @@ class SensedWalk(PolicyWalk):
     The base's velocity is not among them; legs and IMU estimate it.
     """
 
-    def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
-        super().__init__(name, policy, commands)
-        self._fresh = False
+    _fresh = False
 
     def sense(self, joints: JointReadings, body: BodyReadings | None) -> None:
         """Take the last sample but one: the last is still on the bus."""

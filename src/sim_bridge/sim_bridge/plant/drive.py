@@ -14,6 +14,7 @@ from sim_bridge.plant.parameters import Plant
 
 SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
 _LINK_INERTIA: Final = 0.012  # kg·m², the least that hangs on a joint of a leg
+_DAMPED: Final = np.array([[0.0], [VELOCITY_GAIN], [0.0]])  # kp, kd and feed without a command
 _STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a step
 
 
@@ -116,7 +117,7 @@ class Drives:
         self._ceiling, self._floor = self._held[3:]
         self.rotor = np.zeros(len(names))
         self.rotor_velocity = np.zeros(len(names))
-        self._held[1] = VELOCITY_GAIN
+        self._held[:3] = _DAMPED
         self.set_voltage(plant.supply.voltage)
 
     @property
@@ -145,13 +146,9 @@ class Drives:
         else:
             kp, kd, target = 0.0, VELOCITY_GAIN, nothing
         feed = kp * target + kd * velocity + effort
-        good = np.isfinite(feed)
-        held = (
-            np.where(good, kp, 0.0),
-            np.where(good, kd, VELOCITY_GAIN),
-            np.where(good, feed, 0.0),
-        )
-        self._pending.append((self._count + self._late, np.array(held)))
+        asked = np.stack(np.broadcast_arrays(kp, kd, feed))
+        held = np.where(np.isfinite(feed), asked, _DAMPED)
+        self._pending.append((self._count + self._late, held))
 
     def set_voltage(self, voltage: float) -> None:
         """Set the bus voltage, V, which limits torque at speed."""
@@ -189,13 +186,15 @@ def torque_loop(
 ) -> tuple[Floats, Floats]:
     """Return the gains of the torque loops on the error, and on the spring's rate, N·m·s/rad.
 
-    They place the poles of a rotor, kg·m², behind a spring, N·m/rad, whose joint is held. Without
-    the effect both are 0: the motor then gives what the position loop asks of it.
+    They place the poles of a rotor, kg·m², behind a spring, N·m/rad, whose joint is held; what
+    damps beside the loop adds to it. Without the effect both are 0: the motor then gives what the
+    position loop asks of it.
     """
-    natural = 2.0 * np.pi * p['loop_bandwidth'] * plant.effects.torque_loop.enabled
+    if not plant.effects.torque_loop.enabled:
+        return np.zeros_like(inertia), np.zeros_like(inertia)
+    natural = 2.0 * np.pi * p['loop_bandwidth']
     gain = np.maximum(natural * natural * inertia / stiffness - 1.0, 0.0)
-    damping = 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
-    return gain, damping * plant.effects.torque_loop.enabled
+    return gain, 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
 
 
 def _loop_table(
