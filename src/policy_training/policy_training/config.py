@@ -89,6 +89,7 @@ class RandomConfig:
     drive_friction: Annotated[float, Quantity(0.0, 0.9, '', 'spread')] = 0.3
     inertia: Annotated[float, Quantity(0.0, 0.9, '', 'spread of the rotors')] = 0.2
     torque_loop: Annotated[float, Quantity(0.0, 0.9, '', 'spread of the bandwidths')] = 0.0
+    output: Annotated[float, Quantity(0.0, 0.9, '', 'spread of what sits behind springs')] = 0.0
     pose: Annotated[float, Quantity(0.0, 0.9, '', 'spread of initial joint angles')] = 0.5
     velocity: Annotated[float, Quantity(0.0, 2.0, 'm/s, rad/s', 'initial, ±')] = 0.5
     resting: Annotated[float, Quantity(0.0, 1.0, '', 'share that starts standing')] = 0.2

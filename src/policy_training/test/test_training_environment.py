@@ -58,7 +58,7 @@ def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
         command = environment.commands.values[2].copy()
         targets = policy.step(0.02 * index, command, inputs, motion.velocity[2])
         environment.step(action)
-        aimed = environment.robots.drives._next[2]
+        aimed = environment.robots.drives.commanded[2]
         np.testing.assert_allclose(targets, aimed, atol=1e-5)
 
 

@@ -298,3 +298,38 @@ def test_a_drive_at_rest_stays_at_rest_under_dry_friction():
         block = simulation.advance(400)
     assert abs(block.velocity[-100:]).max() < 0.02
     assert np.ptp(block.torque[-100:]) < 0.05
+
+
+def fitted_at_the_joint(plant, drive, inertia=0.1, amplitude=0.15):
+    """Armature, damping and dry friction that a chirp of targets shows, as PACE fits them."""
+    simulation = Simulation(plant, stand_world(drive, Stand(inertia=inertia)))
+    time = np.arange(0.0, 20.0, 0.005)
+    targets = amplitude * np.sin(2 * np.pi * (0.3 * time + 0.0925 * time**2))  # 0.3 to 4 Hz
+    blocks = []
+    for target in targets:
+        simulation.hold(JointCommand(position=np.array([target])))
+        blocks.append(simulation.advance(10).position[:, 0])
+    position = np.concatenate(blocks)
+    velocity = np.gradient(position, STEP)
+    acceleration = np.gradient(velocity, STEP)
+    target = np.roll(np.repeat(targets, 10), round(plant.command_delay / STEP))
+    rest = 80.0 * (target - position) - 2.0 * velocity - inertia * acceleration
+    table = np.column_stack([acceleration, velocity, np.tanh(velocity / 0.05)])
+    rows = slice(2000, -200)
+    return np.linalg.lstsq(table[rows], rest[rows], rcond=None)[0]
+
+
+def test_a_chirp_finds_the_rotor_of_a_drive_without_a_torque_loop():
+    plant = Plant.load('anymal_c').with_effects(cogging=False)
+    armature, damping, dry = fitted_at_the_joint(plant, 'LF_KFE')
+    assert armature == pytest.approx(0.0675, rel=0.1)
+    assert damping < 2.4
+    assert 1.7 < dry < 1.7 + 0.8 + 0.06 * 10.0
+
+
+@pytest.mark.parametrize('drive', ['LF_HAA', 'LF_HFE', 'LF_KFE'])
+def test_joints_of_the_published_plant_show_what_is_published_of_anymals(drive):
+    armature, damping, dry = fitted_at_the_joint(Plant.load('anymal_c_published'), drive)
+    assert 0.039 < armature < 0.089
+    assert 4.3 < damping < 5.5
+    assert abs(dry) < 0.1

@@ -130,7 +130,7 @@ class RobotMotion:
 class Substep:
     """Signals of the drives of N robots in one time step, [N, 12] each."""
 
-    position_error: Floats  # rad, target in force minus position
+    position_error: Floats  # rad, target as sent minus position, as recordings have it
     torque: Floats  # N·m, on the joint's side of the drive
     velocity: Floats  # rad/s
     motor: Floats  # N·m, air gap
@@ -168,8 +168,9 @@ class Robots:
                 if geom.name in _LIMBS or geom.name.endswith('_HIP'):
                     geom.conaffinity = 0
         model = spec.compile()
-        model.dof_damping[6:] = self.drives.joint_damping
         batch = self._batch = Batch(model, count, physics.threads)
+        batch.expand('dof_damping')[:, 6:] = self.drives.joint_damping + self.drives.output_viscous
+        batch.expand('dof_armature')[:, 6:] = self.drives.output_inertia
         self._ground = Ground(terrain, model, batch)
         batch.expand('geom_friction')[..., 0] = random.uniform(
             spread.friction_low, spread.friction_high, (count, 1)
@@ -231,7 +232,7 @@ class Robots:
             squares += output * output
             self.substeps.append(
                 Substep(
-                    position_error=drives.target - position,
+                    position_error=drives.commanded - position,
                     torque=output,
                     velocity=velocity.copy(),
                     motor=motor,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from wattwalk_core.anymal import POSITION_GAIN, VELOCITY_GAIN
 from wattwalk_core.arrays import Floats
 
@@ -15,6 +16,7 @@ from sim_bridge.plant.parameters import Plant
 SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
 _LINK_INERTIA: Final = 0.012  # kg·m², the least that hangs on a joint of a leg
 _DAMPED: Final = np.array([[0.0], [VELOCITY_GAIN], [0.0]])  # kp, kd and feed without a command
+_ALL: Final = slice(None)
 _STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a step
 
 
@@ -89,8 +91,16 @@ class Drives:
     unless the plant's spring is on: then it has a state of its own behind that spring.
     """
 
-    def __init__(self, plant: Plant, names: Sequence[str], step: float, block: int) -> None:
-        p = plant.resolve(names)
+    def __init__(
+        self,
+        plant: Plant,
+        names: Sequence[str],
+        step: float,
+        block: int,
+        parameters: dict[str, Floats] | None = None,
+    ) -> None:
+        """parameters: those of `Plant.resolve`, for drives that differ from the plant's."""
+        p = plant.resolve(names) if parameters is None else parameters
         effects = plant.effects
         self.names = tuple(names)
         self.parameters = p
@@ -102,15 +112,13 @@ class Drives:
         self.stiffness: Floats = p['spring_stiffness'] / max(effects.spring.strength, 1e-3)
         self.damping: Floats = p['spring_damping']
         self._step = step if self.elastic else 0.0
-        weakening = effects.field_weakening.scale
-        flux = p['reactance'] * p['weakening_current'] if weakening else 0.0
-        self._stall = p['torque_constant'] * p['modulation'] / p['resistance']
-        droop = p['torque_constant'] * (p['torque_constant'] - flux) / p['resistance']
+        self._stall, droop = torque_at_speed(plant, p)
         cogging = p['cogging'] * effects.cogging.scale
         rows = (droop, p['torque_limit'], cogging, p['cogging_order'], self.inertia)
         self._table = np.array((*rows, self.stiffness, self.damping))
         self._loop, steps = _loop_table(plant, p, self.inertia, self.stiffness, step)
         self._delayed, self._count = np.zeros((len(names), 1 + steps)), 0
+        self.gains: tuple[Floats | float, ...] = (POSITION_GAIN, VELOCITY_GAIN)
         self._late = round(plant.command_delay / step)
         self._pending: deque[tuple[int, Floats]] = deque()
         self._held = np.zeros((5, len(names)))
@@ -123,13 +131,14 @@ class Drives:
     @property
     def armature(self) -> Floats:
         """Inertia rigidly coupled to the joints, kg·m² [D]."""
-        return np.zeros_like(self.inertia) if self.elastic else self.inertia
+        output: Floats = self.parameters['output_inertia']
+        return output if self.elastic else output + self.inertia
 
-    def reset(self, position: Floats) -> None:
-        """Reset the rotors to rest at joint angles, rad [D]."""
-        self.rotor[:] = position
-        self.rotor_velocity[:] = 0.0
-        self._delayed[:] = 0.0
+    def reset(self, position: Floats, which: slice | NDArray[np.intp] = _ALL) -> None:
+        """Reset the rotors of some drives, or of all, to rest at joint angles, rad."""
+        self.rotor[which] = position
+        self.rotor_velocity[which] = 0.0
+        self._delayed[which] = 0.0
 
     def hold(self, command: JointCommand) -> None:
         """Hold a command once the plant's delay has passed; NaN in it damps that drive."""
@@ -138,13 +147,13 @@ class Drives:
         velocity = nothing if command.velocity is None else command.velocity
         effort = nothing if command.effort is None else command.effort
         if command.position is not None:
-            kp, kd, target = POSITION_GAIN, VELOCITY_GAIN, command.position
+            (kp, kd), target = self.gains, command.position
         elif command.velocity is not None:
             kp, kd, target = 0.0, SPEED_MODE_GAIN, nothing
         elif command.effort is not None:
             kp, kd, target = 0.0, 0.0, nothing
         else:
-            kp, kd, target = 0.0, VELOCITY_GAIN, nothing
+            kp, kd, target = 0.0, self.gains[1], nothing
         feed = kp * target + kd * velocity + effort
         asked = np.stack(np.broadcast_arrays(kp, kd, feed))
         held = np.where(np.isfinite(feed), asked, _DAMPED)
@@ -179,6 +188,14 @@ class Drives:
             self._count,
         )
         self._count += 1
+
+
+def torque_at_speed(plant: Plant, p: dict[str, Floats]) -> tuple[Floats, Floats]:
+    """Return what limits torque: at standstill, N·m/V, and its fall with speed, N·m·s/rad."""
+    weakening = plant.effects.field_weakening.scale
+    flux = p['reactance'] * p['weakening_current'] if weakening else 0.0
+    admittance = p['torque_constant'] / p['resistance']
+    return admittance * p['modulation'], admittance * (p['torque_constant'] - flux)
 
 
 def torque_loop(

@@ -146,6 +146,8 @@ class DriveParameters:
     load_friction: Annotated[float, Quantity(0.0, 0.5, '', 'share of the torque')] = 0.06
     load_asymmetry: Annotated[float, Quantity(-0.9, 0.9, '', 'driving against driven')] = 0.1
     rotor_inertia: Annotated[float, Quantity(0.0, 1.0, 'kg·m²', 'rotor and gear')] = 0.0675
+    output_viscous: Annotated[float, Quantity(0.0, 20.0, 'N·m·s/rad', 'behind the spring')] = 0.0
+    output_inertia: Annotated[float, Quantity(0.0, 1.0, 'kg·m²', 'behind the spring')] = 0.0
     hysteresis: Annotated[float, Quantity(0.0, 10.0, 'W', 'iron loss at 1 rad/s')] = 0.22
     hysteresis_exponent: Annotated[float, Quantity(1.0, 2.0)] = 1.15
     eddy: Annotated[float, Quantity(0.0, 10.0, 'W', 'iron loss at 1 rad/s')] = 0.05
