@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import DEAD_ZONE, CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import Observation
+from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import DEFAULT_POSE, GRAVITY
 from wattwalk_core.arrays import Bools, Floats, Singles
 
 from policy_training.config import CommandConfig, TrainingConfig
-from policy_training.environment.power_term import PowerSource
+from policy_training.environment.power_term import PlantPower, PowerSource
 from policy_training.environment.rewards import FootClock, Rewards, RewardState
 from policy_training.environment.robots import RobotMotion, Robots
 
@@ -46,6 +47,7 @@ class VelocityCommands:
 
 
 ACTION_CLIP: Final = 100.0
+_METERED: Final = 4  # policy steps between looks at the circuits' watts, which cost 3 % of a step
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,9 @@ class WalkingEnvironment:
         self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
         self.power_multiplier = 1.0
+        plant = Plant.load(config.physics.plant)
+        self._meter = PlantPower(plant, count, config.physics.timestep)
+        self._metered = 0.0
         self.watts: NDArray[Any] = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
@@ -252,4 +257,7 @@ class WalkingEnvironment:
         log['falls'] = float(motion.fallen.mean())
         if self.power is not None:
             log['power/watts'] = float(self.watts.sum(axis=1).mean())
+        if self.steps // self.count % _METERED == 0:
+            self._metered = float(self._meter.drives(self.robots.substeps).sum(axis=1).mean())
+        log['power/drawn'] = self._metered
         return log

@@ -33,6 +33,7 @@ _CURVES: Final = {
     'error/velocity': 'velocity error m/s',
     'error/yaw': 'yaw rate error rad/s',
     'power/watts': 'predicted W',
+    'power/drawn': 'drawn W',
 }
 
 
