@@ -1,9 +1,10 @@
 """Savings of the paper's pair on other actuators: `python bench/actuators.py [--policies A B]`.
 
-Rows but the last two change one thing of the plant `anymal_c`; the last is `anymal_c_published`.
-Nothing is trained again. Walks of `evaluate`, on what the sensors read; means over those of its
-four tasks that both policies walk. A torque loop also moves the position loop's damping from the
-rotor's to the joint's speed.
+Rows but the last three change one thing of the plant `anymal_c`. The last is its published twin,
+the one before the same without a torque loop. Nothing is trained again. Walks of `evaluate`, on
+what the sensors read; means over those of its four tasks that both policies walk at one speed.
+A torque loop also moves the position loop's damping from the rotor's to the joint's speed, as a
+drive without a spring does.
 """
 
 import argparse
@@ -35,17 +36,25 @@ def looped(bandwidth: float, **drives: float) -> Plant:
     return changed(loop_bandwidth=bandwidth, **drives).with_effects(torque_loop=True)
 
 
+def open_loop() -> Plant:
+    """Return the plant `anymal_c_published` without its loop: what is published is the rotor's."""
+    plant = changed(viscous=4.6, spring_stiffness=181.0).with_effects(torque_ripple=True)
+    return replace(plant, command_delay=0.0075)
+
+
 def plants() -> Mapping[str, Plant]:
     """Return the plants of the rows, by what each changes."""
     return {
         'nothing': Plant.load('anymal_c'),
+        'no spring': Plant.load('anymal_c').with_effects(spring=False),
         'viscous friction 4.9 N·m·s/rad': changed(viscous=4.9),
         'spring 181 N·m/rad': changed(spring_stiffness=181.0),
         'delay 7.5 ms': replace(Plant.load('anymal_c'), command_delay=0.0075),
         'torque ripple': Plant.load('anymal_c').with_effects(torque_ripple=True),
         **{f'torque loop, {hertz:g} Hz': looped(hertz) for hertz in (15.0, 20.0, 30.0, 50.0)},
         'torque loop, 30 Hz, spring 181 N·m/rad': looped(30.0, spring_stiffness=181.0),
-        'all of these, 30 Hz (`anymal_c_published`)': Plant.load('anymal_c_published'),
+        'published figures, no torque loop': open_loop(),
+        'published figures, 30 Hz (`anymal_c_published`)': Plant.load('anymal_c_published'),
     }
 
 
@@ -64,13 +73,10 @@ def measure(plant: Plant, policies: tuple[str, ...], seconds: float, seed: int) 
 def row(name: str, found: Mapping[str, Any], policies: tuple[str, ...]) -> str:
     """Return a line of the table: changes in per cent, shares, and who did not walk."""
     first, second = ([found[f'{policy} {task.name}'] for task in TASKS] for policy in policies)
-    walked = [
-        (a, b)
-        for a, b in zip(first, second, strict=True)
-        if a['power_w'] and b['power_w'] and not a['falls'] + b['falls'] and _follows(a, b)
-    ]
+    walked = [pair for pair in zip(first, second, strict=True) if walks(*pair)]
     if not walked:
-        return f'| {name} | – | – | – | – | – | 0 |'
+        return f'| {name} | – | – | – | – | – | none |'
+    tasks = [task.name for task, *pair in zip(TASKS, first, second, strict=True) if walks(*pair)]
     total = [_change(a, b, 'supply') for a, b in walked]
     knees = [_change(a, b, 'KFE') for a, b in walked]
     watts = np.mean([a['power_w']['supply'] for a, _ in walked])
@@ -79,7 +85,7 @@ def row(name: str, found: Mapping[str, Any], policies: tuple[str, ...]) -> str:
     return (
         f'| {name} | {watts:.0f} W | {share:.0%} | {fast[0]:.1%}, {fast[1]:.1%} | '
         f'{np.mean(total):+.0f} % ({min(total):+.0f} … {max(total):+.0f}) | '
-        f'{np.mean(knees):+.0f} % ({min(knees):+.0f} … {max(knees):+.0f}) | {len(walked)} |'
+        f'{np.mean(knees):+.0f} % ({min(knees):+.0f} … {max(knees):+.0f}) | {", ".join(tasks)} |'
     )
 
 
@@ -87,8 +93,12 @@ def _fast(entry: Mapping[str, Any]) -> float:
     return float(entry['smoothness']['kfe_torque_above_20_hz'])
 
 
-def _follows(*entries: Mapping[str, Any]) -> bool:
-    return all(abs(error) < 0.15 for entry in entries for error in entry['tracking'].values())
+def walks(*entries: Mapping[str, Any]) -> bool:
+    """Return whether both walk as asked, within 0.15, and alike, within 0.05 m/s or rad/s."""
+    if not all(entry['power_w'] and not entry['falls'] for entry in entries):
+        return False
+    errors = np.array([list(entry['tracking'].values()) for entry in entries])
+    return bool((np.abs(errors) < 0.15).all() and np.ptp(errors, axis=0).max() < 0.05)
 
 
 def _change(first: Mapping[str, Any], second: Mapping[str, Any], part: str) -> float:

@@ -21,13 +21,9 @@ from typing import Any
 import numpy as np
 from discover_truth import HIDDEN, recorded
 from lab_scenarios import BASES, FAULTS
-from power_estimator.effects import builtin_catalogue, load_catalogue
-from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.training import fit_model, material
+from power_estimator.effects import load_catalogue
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
-from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery
 from power_recordings.alignment.dataset import AlignedDataset
@@ -36,7 +32,8 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 from truth_circuit import Faults
 
-CATALOGUE = builtin_catalogue()
+from power_lab import Session
+
 KNOWN = ('shaft', *BASES['core'])
 SECONDS = 150.0
 _OTHER = 5000  # seed of the other recording
@@ -78,10 +75,7 @@ def judge(group: str, name: str, motion: str, seed: int) -> dict[str, Any]:
 
 def discovered(data: AlignedDataset) -> Discovery:
     """The lab's procedure for the model of known effects."""
-    own = material(data)
-    structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in KNOWN))
-    terms = measurement_terms(CATALOGUE, shaft=True)
-    return Discoverer(own.fitter(per_drive=True), structure.plus(*terms), CATALOGUE).run()
+    return Session(Judge(Loaded.of(data))).fit(KNOWN).discover().discovery
 
 
 def told(discovery: Discovery) -> dict[str, Any]:
@@ -121,10 +115,9 @@ def error(
     fitted_on: AlignedDataset, judged_on: AlignedDataset, more: Sequence[str], path: Path | None
 ) -> float:
     """W rms on one recording of the model fitted to another."""
-    catalogue = CATALOGUE if path is None else load_catalogue([path])
-    actives = [Active.of(catalogue[name]) for name in (*KNOWN, *more)]
-    model, _ = fit_model('trial', material(fitted_on), actives, catalogue)
-    return round(Judge(Loaded.of(judged_on), catalogue).score(model).rms_w, 4)
+    catalogue = load_catalogue([] if path is None else [path])
+    fitted = Session(Judge(Loaded.of(fitted_on), catalogue)).fit([*KNOWN, *more])
+    return round(Judge(Loaded.of(judged_on), catalogue).score(fitted.model).rms_w, 4)
 
 
 def right_kind(row: Mapping[str, Any]) -> bool:

@@ -16,14 +16,26 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import rclpy
+import torch
 from power_estimator.drive_types import DriveType
+from power_estimator.evaluation.cost import policy_step_cost
 from power_estimator.live.estimator import LiveEstimator
+from power_estimator.loader import load_model
 from power_estimator.network.checkpoint import Checkpoint, Network, NetworkConfig
 from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import LstmBank, Weights
 from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.training.trainer import Tracks, Trainer
+from power_estimator.training.trainer_config import TrainerConfig
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.processes import ChildProcess
+
+from drive_power_msgs.msg import PowerEstimate
+from power_estimator import recordings
 
 JOINTS = list(JOINT_NAMES)
 HIDDEN = 100
@@ -53,10 +65,6 @@ def row(label: str, reached: str, target: str, ratio: float | None = None) -> No
 
 def bench_training(epochs: int) -> None:
     """One fold of 30 min of one drive type, on one thread."""
-    import torch
-    from power_estimator.training.trainer import Tracks, Trainer
-    from power_estimator.training.trainer_config import TrainerConfig
-
     torch.set_num_threads(1)
     random = np.random.default_rng(1)
     samples = 30 * 60 * 200
@@ -108,9 +116,6 @@ def bench_arithmetic(checkpoint: Checkpoint) -> None:
 
 def bench_batch() -> None:
     """A policy step of 20 ms (four samples) of many robots with twelve drives each."""
-    import torch
-    from power_estimator.evaluation.cost import policy_step_cost
-
     torch.set_num_threads(1)
     for hidden, sizes in ((32, (64, 512, 4096)), (HIDDEN, (64, 512))):
         model = PowerPredictionNetwork(network(hidden))
@@ -121,10 +126,6 @@ def bench_batch() -> None:
 
 def bench_long(spec: str, bags: list[Path]) -> None:
     """State carried through all bags as if they were one: against 64 bit, and begun anew."""
-    from power_estimator.loader import load_model
-
-    from power_estimator import recordings
-
     model = load_model(spec)
     assert isinstance(model, PowerPredictionNetwork)
     given = recordings.training_set(bags)
@@ -165,13 +166,6 @@ def bench_stream(checkpoint: Checkpoint) -> None:
 
 def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
     """The node as a process of its own: from the last joint state sent to the estimate heard."""
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
-    from drive_power_msgs.msg import PowerEstimate
-
     os.environ.setdefault('ROS_DOMAIN_ID', '93')
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder) / 'model.safetensors')

@@ -16,6 +16,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
 from rich.console import Console
 from rich.table import Table
 
@@ -61,9 +63,6 @@ drives:
 
 def make_bag(path: Path, size: int, drives: int) -> str:
     """Write a recording of at least `size` bytes of messages and return a map of it."""
-    from power_recordings.messages import cdr
-    from power_recordings.writing.writer import BagWriter
-
     rng = np.random.default_rng(0)
     names = tuple(f'D{i}' for i in range(drives))
     with BagWriter(path, flush_period=10.0) as bag:

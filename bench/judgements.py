@@ -9,6 +9,11 @@ from dataclasses import dataclass
 from importlib import import_module
 
 import numpy as np
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.training import material
+from power_estimator.posterior.judged import judged_effects
+from power_estimator.posterior.priors import MOST_SECONDS
 from power_estimator.posterior.summary import MeterSummary
 from power_recordings.alignment.dataset import AlignedDataset
 
@@ -66,12 +71,6 @@ COEFFICIENTS = {
 
 def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
     """Judge as `diagnose` does: probabilities of effects and scales, intervals at three levels."""
-    from power_estimator.effects import builtin_catalogue
-    from power_estimator.effects.fit.design import Active
-    from power_estimator.effects.training import material
-    from power_estimator.posterior.judged import judged_effects
-    from power_estimator.posterior.priors import MOST_SECONDS
-
     catalogue = builtin_catalogue()
     given = material(data, per='drive').at_most(MOST_SECONDS)
     prepared = given.prepared

@@ -5,8 +5,13 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
+from drive_bench.motion.segment_path import JUMPS
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
+from sim_bridge.offline.motions import MotionController, bench_motion
+from sim_bridge.offline.run import OfflineRun, simulate_recording, walking_run
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.world import Stand, stand_world
 from truth_circuit import CONSTANT, UNMODELLED, Faults, Truth, record
 
 BASES: Mapping[str, tuple[str, ...]] = {
@@ -100,12 +105,6 @@ class Scenario:
 
 
 def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> AlignedDataset:
-    from drive_bench.motion.segment_path import JUMPS
-    from sim_bridge.offline.motions import MotionController, bench_motion
-    from sim_bridge.offline.run import OfflineRun, simulate_recording, walking_run
-    from sim_bridge.plant.parameters import Plant
-    from sim_bridge.plant.world import Stand, stand_world
-
     base = Plant.load('anymal_c').unit(scenario.seed + 1)
     changes: dict[str, Any] = {name: False for name, _ in base.effects}
     changes.update({name: value if value else False for name, value in effects.items()})

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from sim_bridge.offline.run import run_offline
 from wattwalk_core.processes import ChildProcess
 
 OPENINGS = 5
@@ -116,14 +117,12 @@ class WorkbenchFigures:
 
 
 def _walk(folder: Path) -> Path:
-    from sim_bridge.offline.run import run_offline
-
     return run_offline(folder / 'walk', duration=600.0, seed=5, progress=True)
 
 
 @contextmanager
 def _bench(folder: Path, bag: Path) -> Iterator[tuple[Any, str, ChildProcess]]:
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import sync_playwright  # only this row needs a browser
 
     program = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))))
     command = [sys.executable, '-c', _OPEN, str(bag.parent), '--no-browser', '--port', '0']

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 import yaml
 from power_estimator.commands.arguments import benchmark as benchmark_command
+from power_estimator.effects.fit.fitter import Fitter
+from power_estimator.effects.fit.settings import FitSettings
+from power_estimator.judge.estimator import JudgeSettings
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.judge.result import over_meters
@@ -127,3 +130,21 @@ def test_a_recording_beside_with_a_faulty_meter_changes_no_error(models, recordi
         {name: score.rmse_w for name, score in one.drives.items()}, abs=1e-6
     )
     assert two.rms_w > three.rms_w, 'the fault shows'
+
+
+def test_settings_of_a_session_reach_every_fit(bag, monkeypatch):  # noqa: F811
+    asked = FitSettings(bootstraps=50)
+    seen = []
+    made = Fitter.__init__
+
+    def noted(fitter, *arguments, **how):
+        made(fitter, *arguments, **how)
+        seen.append(fitter.settings)
+
+    monkeypatch.setattr(Fitter, '__init__', noted)
+    opened = Session.open(bag, settings=JudgeSettings(fit=asked))
+    lab = opened.fit(EFFECTS)
+    on_base = opened.fit('viscous_friction', base='mechanical_power')
+    for step in (lab.diagnose, lab.discover, on_base.discover, lab.budget, opened.budget):
+        step()
+    assert set(seen) == {asked}

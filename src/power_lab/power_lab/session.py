@@ -10,6 +10,7 @@ from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import write_model
+from power_estimator.judge.estimator import JudgeSettings
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.judge.result import JudgedModel
@@ -46,16 +47,18 @@ class Session:
         *recordings: str | Path,
         effects_path: Sequence[str | Path] = (),
         catalogue: Catalogue | None = None,
+        settings: JudgeSettings | None = None,
         **how: Any,
     ) -> 'Session':
         """Read recordings; InputError for those that say nothing.
 
-        effects_path: files of the user's own effects, which are run; how: as in `load`.
+        effects_path: files of the user's own effects, which are run; settings: of fits and folds;
+        how: as in `load`.
         """
         paths = [Path(recording) for recording in recordings]
         check_recordings(paths)
         known = catalogue or load_catalogue([Path(file) for file in effects_path])
-        return cls(Judge(load(paths, **how), known))
+        return cls(Judge(load(paths, **how), known, settings))
 
     @property
     def recordings(self) -> Loaded:

@@ -1,7 +1,7 @@
 """Fit a model of named effects to recordings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from power_recordings.alignment.dataset import AlignedDataset
@@ -33,11 +33,12 @@ _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
 @dataclass(frozen=True)
 class Material:
-    """Prepared signals with the base model's power on them."""
+    """Prepared signals with the base model's power on them, and how they are fitted."""
 
     prepared: Prepared
     types: tuple[DriveType, ...]
     base_power: BasePower | None = None
+    settings: FitSettings = field(default_factory=FitSettings)
 
     def structure(self, actives: Sequence[Active]) -> Structure:
         """Structure of the effects as these signals may show them."""
@@ -45,21 +46,14 @@ class Material:
             return Structure(expanded(actives, self.prepared.signals))
         return Structure(tuple(actives))
 
-    def fitter(
-        self,
-        *,
-        per_drive: bool = False,
-        settings: FitSettings | None = None,
-        prior: Prior | None = None,
-    ) -> Fitter:
+    def fitter(self, *, per_drive: bool = False, prior: Prior | None = None) -> Fitter:
         """Make a fitter with drives of a type sharing coefficients unless per_drive."""
-        if self.prepared.whole:
-            return Fitter(self.prepared, base=self.base_power, settings=settings)
-        columns = assign(self.prepared.names, self.types)
+        prepared, base, settings = self.prepared, self.base_power, self.settings
+        if prepared.whole:
+            return Fitter(prepared, base=base, settings=settings)
+        columns = assign(prepared.names, self.types)
         groups = None if per_drive else [own for own in columns.values() if own]
-        return Fitter(
-            self.prepared, groups=groups, base=self.base_power, settings=settings, prior=prior
-        )
+        return Fitter(prepared, groups=groups, base=base, settings=settings, prior=prior)
 
     def at_most(self, seconds: float) -> 'Material':
         """The same of so many seconds at most, in pieces spread over all recordings."""
@@ -77,6 +71,7 @@ def material(
     catalogue: Catalogue | None = None,
     least: float = LEAST_TO_FIT,
     window: float = 0.0,
+    settings: FitSettings | None = None,
 ) -> Material:
     """Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
 
@@ -100,8 +95,8 @@ def material(
         power = np.nan_to_num(np.asarray(base[:, columns], dtype=np.float64))
         if len(power) != len(prepared.signals.time):
             raise InputError('the recording has samples without position, velocity or torque')
-        base_power = BasePower(power, _copper(prepared, catalogue))
-    return Material(prepared, types, base_power)
+        base_power = BasePower(power, _copper(prepared, catalogue, settings))
+    return Material(prepared, types, base_power, settings or FitSettings())
 
 
 def fit_model(
@@ -249,12 +244,15 @@ def _without_unknown(data: AlignedDataset, base: Singles) -> AlignedDataset:
     return replace(data, power=power)
 
 
-def _copper(prepared: Prepared, catalogue: Catalogue | None) -> Floats:
+def _copper(
+    prepared: Prepared, catalogue: Catalogue | None, settings: FitSettings | None
+) -> Floats:
     """Return the copper loss, W/(N·m)² [D], of a baseline model fitted for that alone."""
     known = catalogue or builtin_catalogue()
     names = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
     structure = Structure(tuple(Active.of(known[name]) for name in names))
-    fit = Fitter(prepared).fit(structure.plus(*measurement_terms(known, shaft=True)))
+    fitter = Fitter(prepared, settings=settings)
+    fit = fitter.fit(structure.plus(*measurement_terms(known, shaft=True)))
     column = fit.structure.columns_of('copper_loss')[0]
     found = fit.coefficients[:, column]
     return np.array(np.broadcast_to(found, len(prepared.signals.names)))  # of a robot: one for all

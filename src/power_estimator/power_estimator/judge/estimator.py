@@ -19,7 +19,7 @@ from power_estimator.effects.fit.per_recording import OWN_TERMS, in_step, own_de
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared, prepare
-from power_estimator.effects.training import Material, material
+from power_estimator.effects.training import LEAST_TO_FIT, Material, material
 from power_estimator.judge.evidence import Examiner
 from power_estimator.judge.held_out import (
     HeldOutPower,
@@ -106,14 +106,22 @@ class HeldOutEstimator:
         """Pieces that are tested together."""
         return Folds.of(blocks, self.settings.fit, by_recording=False)
 
-    def material(self, base: Singles | None, per: str = 'type') -> Material:
-        """Signals for a fit of effects on a base model's power [T, D]; per: as in `material`."""
+    def material(
+        self, base: Singles | None, per: str = 'type', least: float = LEAST_TO_FIT
+    ) -> Material:
+        """Signals for a fit of effects on a base model's power [T, D].
+
+        per: as in `material`; least: s, for means over longer times as many of these.
+        """
+        window = self.recordings.window
         return material(
             self.recordings.data,
             per=per,
             base=base,
             catalogue=self.catalogue,
-            window=self.recordings.window,
+            least=max(least, least * window),
+            window=window,
+            settings=self.settings.fit,
         )
 
     def estimate(self, model: PowerModel, name: str) -> HeldOut:
@@ -298,7 +306,7 @@ class HeldOutEstimator:
         apart = [term.name for term in measurement_terms(self.catalogue, shaft=True)]
         own, terms, delays = together(own, structure, self.catalogue, apart)
         terms = tuple(term for term in terms if term.name not in structure.names)
-        fitter = own.fitter(settings=self.settings.fit, prior=model.prior)
+        fitter = own.fitter(prior=model.prior)
         examiner = Examiner(fitter, folds=self.folds(fitter.blocks))
         fit = fitter.fit(structure.plus(*terms), iterations=self.settings.iterations)
         columns = [self.prepared.names.index(name) for name in own.prepared.names]

@@ -19,7 +19,13 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.training import Material
 from power_estimator.judge.estimator import HeldOutEstimator, JudgeSettings
-from power_estimator.judge.held_out import base_power, fitted_base, knows, power_on
+from power_estimator.judge.held_out import (
+    base_power,
+    fitted_base,
+    knows,
+    power_on,
+    power_under,
+)
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut, JudgedModel, SupplyScore
 from power_estimator.model import PowerModel
@@ -153,6 +159,14 @@ class Judge:
         """Signals for a fit of effects, on the power of a base model."""
         power = None if base is None else base_power(self.recordings, base, base.name).power
         return self._estimator.material(power, per)
+
+    def material_under(self, model: EffectModel, least: float) -> Material:
+        """Signals for a search beside a model, on its base's power; least: s of recordings.
+
+        InputError for recordings that are too short or too still.
+        """
+        under = power_under(self.recordings, model)
+        return self._estimator.material(None if under is None else under.power, least=least)
 
     def refits(self, model: PowerModel) -> bool:
         """Return whether a model is refitted on all of the recordings to be judged."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from power_estimator.effects.fit.design import Active
 from power_estimator.judge.judge import Judge
-from power_estimator.judge.recordings import Loaded, load
+from power_estimator.judge.recordings import load
 from power_lab.diagnose.outcome import Outcome
 from power_lab.discover.discovery import FLOOR, FLOOR_SHARE_OF_RMS
 from power_lab.session import Session
@@ -159,16 +159,16 @@ def explain(
     """
     early, late = sides(history, change)
     show(f'diagnosing {history.drive} from {late[0]} on')
-    after, outcome = _pool(late, history, paths, request)
-    if outcome is None or after.verdict == 'no_evidence':
+    after, outcome, lab = _pool(late, history, paths, request)
+    if outcome is None or lab is None or after.verdict == 'no_evidence':
         return None
     show(f'diagnosing {history.drive} before {late[0]}')
-    before, _ = _pool(early, history, paths, request)
+    before, _, _ = _pool(early, history, paths, request)
     if after.verdict == 'none_of_the_above':
         if growth is None and before.verdict == after.verdict:
             return None
         show(f'discovering what {history.drive} has from {late[0]} on')
-        return Unmodelled(before, after, growth, (), _discovered(outcome, request, show))
+        return Unmodelled(before, after, growth, (), _discovered(lab, show))
     if growth is None and set(after.effects) <= set(before.effects):
         return None
     return Unmodelled(before, after, growth, outcome.diagnosis.actives)
@@ -185,24 +185,21 @@ def sides(history: DriveHistory, change: Change) -> tuple[list[str], list[str]]:
 
 def _pool(
     names: Sequence[str], history: DriveHistory, paths: Mapping[str, Path], request: Request
-) -> tuple[Pool, Outcome | None]:
+) -> tuple[Pool, Outcome | None, Session | None]:
     found = [paths[name] for name in names]
     try:
         loaded = load(found, [history.joint], slow=request.slow, anyway=request.anyway)
-        outcome = _lab(loaded, request).diagnose()
+        lab = Session(Judge(loaded, request.catalogue), request.model, request.spec)
+        outcome = lab.diagnose()
     except InputError as error:
-        return Pool(tuple(names), 'no_evidence', (), str(error)), None
+        return Pool(tuple(names), 'no_evidence', (), str(error)), None, None
     diagnosis = outcome.diagnosis
     pool = Pool(tuple(names), diagnosis.verdict, diagnosis.effects, outcome.sentence)
-    return pool, outcome
+    return pool, outcome, lab
 
 
-def _lab(loaded: Loaded, request: Request) -> Session:
-    return Session(Judge(loaded, request.catalogue), request.model, request.spec)
-
-
-def _discovered(outcome: Outcome, request: Request, show: Callable[[str], None]) -> str:
+def _discovered(lab: Session, show: Callable[[str], None]) -> str:
     try:
-        return _lab(outcome.loaded, request).discover(show=show).sentence
+        return lab.discover(show=show).sentence
     except InputError as error:
         return str(error)

@@ -11,7 +11,6 @@ from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import drawn_blocks
 from power_estimator.effects.fit.design import BasePower
 from power_estimator.effects.fit.design_builder import DesignBuilder
-from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel
 from power_estimator.effects.signals.prepared import WHOLE
 from power_estimator.effects.signals.reducer import REDUCED_RATE
@@ -283,7 +282,8 @@ class Accounts:
         return found
 
     def _often(self, count: int, index: int) -> Floats:
-        together = 1 if self.prepared.steady else FitSettings.drawn_together
+        own = self.judge.settings.fit.drawn_together
+        together = 1 if self.prepared.steady else own
         return drawn_blocks(count, DRAWS, together, self.seed + 1 + index)
 
     def _add_groups(self, tallies: dict[str, Tally], whole: list[Tally], index: int) -> None:

@@ -53,7 +53,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     prepared, random = judge.prepared, np.random.default_rng(seed)
     names = prepared.signals.names
     members = [group for group in owners(names, model.groups) if group is not None]
-    material = Material(prepared, tuple(group.type for group in model.groups))
+    types = tuple(group.type for group in model.groups)
+    material = Material(prepared, types, settings=judge.settings.fit)
     structure = material.structure(model.structure.actives)
     place = _Places(model, prepared, structure)
     point = np.zeros((len(prepared.names), len(structure.labels)))

@@ -10,8 +10,6 @@ from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.effects.training import material
-from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.model import PowerModel
@@ -161,14 +159,7 @@ def diagnose(
     loaded, catalogue, given = judge.recordings, judge.catalogue, model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
-    under = power_under(loaded, model)
-    own = material(
-        loaded.data,
-        base=None if under is None else under.power,
-        catalogue=catalogue,
-        least=max(LEAST_TO_JUDGE, LEAST_TO_JUDGE * loaded.window),
-        window=loaded.window,
-    )
+    own = judge.material_under(model, LEAST_TO_JUDGE)
     seconds = own.prepared.seconds
     if not any(catalogue[name].remembers for name in catalogue):
         own = own.at_most(MOST_SECONDS)

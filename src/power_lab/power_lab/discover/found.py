@@ -111,8 +111,9 @@ def interval_of(
     before: Evidence, after: Evidence, drives: Sequence[int], seed: int
 ) -> tuple[float, float]:
     """W rms over drives that are explained, 95 %, by a bootstrap of blocks of five."""
-    fall = np.nanmean((before.mse - after.mse)[:, list(drives)], axis=1)
-    fall = np.nan_to_num(fall)
+    falls = (before.mse - after.mse)[:, list(drives)]
+    known = np.isfinite(falls)
+    fall = np.where(known, falls, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     random = np.random.default_rng(seed)
     size = min(5, len(fall))
     starts = random.integers(0, len(fall) - size + 1, (_BOOTSTRAPS, -(-len(fall) // size)))

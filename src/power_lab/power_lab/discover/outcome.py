@@ -9,8 +9,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.training import LEAST_SECONDS, Material, material
-from power_estimator.judge.held_out import power_under
+from power_estimator.effects.training import LEAST_SECONDS, Material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
@@ -205,14 +204,7 @@ def discover(
     loaded, catalogue, given = judge.recordings, judge.catalogue, model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
-    under = power_under(loaded, model)
-    own = material(
-        loaded.data,
-        base=None if under is None else under.power,
-        catalogue=catalogue,
-        least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
-        window=loaded.window,
-    )
+    own = judge.material_under(model, LEAST_SECONDS)
     if own.prepared.whole:
         raise InputError(
             'only the whole robot was metered: which drive an unknown effect is in cannot be '

@@ -45,7 +45,8 @@ class OtherRecording:
     ) -> None:
         """judge: of the other recording. own: what was learned on, on a base model or none."""
         self.judge = judge
-        self.prepared, self.blocks = self.judge.prepared, Blocks.of(self.judge.prepared)
+        self.prepared = judge.prepared
+        self.blocks = Blocks.of(judge.prepared, judge.settings.fit)
         self._under = None if base is None else fitted_base(learned_on, base)
         self._own, self._base, self._known = own, base, learned_on.identities
 
