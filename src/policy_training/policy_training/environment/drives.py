@@ -74,8 +74,8 @@ class BatchDrives:
         self.commanded = np.zeros(shape)
         self._sent = np.zeros((int(self._delay.max(initial=0)) + 1, *shape))
         self._steps = 0
-        self._given = np.zeros(shape)
-        self.rotor_speed = np.zeros(shape)
+        self._given: Floats = np.zeros(shape)
+        self.rotor_speed: Floats = np.zeros(shape)
         """Mean of the last time step, rad/s, in turns of the joint."""
 
     def start(self, ids: NDArray[np.intp], pose: Floats) -> None:
