@@ -15,6 +15,14 @@ def test_joints_are_found_by_name_and_not_by_place():
     assert inputs.position.tolist() == inputs.velocity.tolist() == values.tolist()
 
 
+def test_efforts_do_not_outlive_the_message_that_had_them():
+    inputs, still = Inputs(), np.zeros(12)
+    inputs.on_joints(1, JOINT_NAMES, still, still, 0.0, np.ones(12))
+    assert inputs.effort.tolist() == [1.0] * 12
+    inputs.on_joints(2, JOINT_NAMES, still, still, 0.0)
+    assert not len(inputs.effort)
+
+
 def test_gravity_is_that_of_the_quaternion():
     inputs = Inputs()
     half = 0.25

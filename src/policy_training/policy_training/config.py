@@ -267,7 +267,7 @@ class CurriculumConfig:
 class ImitationConfig:
     """Imitation of a scripted gait before PPO, see `imitation.py`."""
 
-    gait: str = ''  # a name, or a file or run of optimise_gait; empty: none
+    gait: str = ''  # a name or a file; empty: none
     robots: Annotated[int, Quantity(2, 4096, '', 'led by the gait')] = 128
     seconds: Annotated[float, Quantity(2.0, 600.0, 's', 'of walking in each round')] = 8.0
     epochs: Annotated[int, Quantity(2, 1000, '', 'of learning after each round')] = 24
@@ -277,8 +277,7 @@ class ImitationConfig:
     def __post_init__(self) -> None:
         if self.gait and self.gait not in TROTS and not gait_path(self.gait).exists():
             raise InputError(
-                f'gait is {self.gait!r}; it must be one of {", ".join(gait_names())}, or a file '
-                'of optimise_gait'
+                f'gait is {self.gait!r}; it must be one of {", ".join(gait_names())}, or a file'
             )
 
 

@@ -21,7 +21,7 @@ ECONOMICAL = {'economy', 'economy_clockless'}
 
 
 def test_sturdy_policies_the_papers_pair_and_economical_ones_are_shipped():
-    assert set(shipped()) == {'baseline', 'pmp', 'pmp_heavy'} | ECONOMICAL | PAIR
+    assert set(shipped()) == {'baseline', 'pmp'} | ECONOMICAL | PAIR
 
 
 @pytest.mark.parametrize('name', sorted(set(shipped()) - PAIR))
@@ -54,15 +54,14 @@ def test_a_shipped_policy_keeps_its_speed_on_what_the_sensors_read(name):
     assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.12)
 
 
-def test_four_times_the_weight_on_power_draws_less_than_the_torque_term_on_the_same_command():
+def test_power_in_place_of_torque_draws_about_as_much_with_sturdy_policies():
     plant, watts = Plant.load('anymal_c'), {}
-    for name in ('baseline', 'pmp', 'pmp_heavy'):
+    for name in ('baseline', 'pmp'):
         walk = measure_walk(name, FORWARD, plant, duration=6.0, seed=5)
         assert walk.falls == 0
         assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.06)
         watts[name] = walk.data.supply[walk.steady].mean()
-    assert watts['pmp_heavy'] < watts['baseline']
-    assert watts['pmp'] < 1.05 * watts['baseline']
+    assert watts['pmp'] == pytest.approx(watts['baseline'], rel=0.05)
 
 
 def test_predicted_power_in_place_of_torque_takes_a_quarter_off_the_knees_of_the_papers_pair():

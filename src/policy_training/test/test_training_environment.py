@@ -6,6 +6,7 @@ from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.power_term import PlantPower, PredictedPower, power_source
+from policy_training.environment.robots import Substep
 from policy_training.environment.vec_env import Mirror, TorchEnvironment
 from policy_training.learning.training import export_policy
 from power_estimator.batch.power import BatchPower
@@ -355,3 +356,29 @@ def test_a_fall_costs_once_and_is_not_cut_off_at_zero(tiny):
         assert (outcome.reward[fell] < -3.9).all()
         assert (outcome.reward[~fell] >= 0.0).all()
     assert falls
+
+
+def test_the_plants_power_of_a_still_motor_is_copper_loss_and_idle():
+    plant = Plant.load('anymal_c')
+    torque, still = np.full((1, 12), 20.0), np.zeros((1, 12))
+
+    def watts(motor):
+        step = Substep(still, still, still, motor, still)
+        return PlantPower(plant, 1, 0.005).drives([step, step])
+
+    loaded, idle = watts(torque), watts(still)
+    resistance = plant.resolve(['LF_HAA'])['resistance'][0]
+    constant = plant.resolve(['LF_HAA'])['torque_constant'][0]
+    assert (idle > 0.0).all()
+    assert loaded[0, 0] - idle[0, 0] > 0.9 * resistance * (20.0 / constant) ** 2
+    assert np.allclose(watts(-torque), loaded), 'a still motor loses the same either way'
+
+
+def test_a_robots_power_does_not_depend_on_its_neighbours():
+    plant, random = Plant.load('anymal_c'), np.random.default_rng(0)
+    motor, speed = random.normal(0, 20, (3, 12)), random.normal(0, 3, (3, 12))
+    many = PlantPower(plant, 3, 0.005).drives([Substep(motor, motor, speed, motor, speed)])
+    one = PlantPower(plant, 1, 0.005).drives(
+        [Substep(*(x[1:2] for x in (motor, motor, speed, motor, speed)))]
+    )
+    np.testing.assert_allclose(many[1], one[0], rtol=1e-9)

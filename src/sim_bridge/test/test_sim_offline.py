@@ -238,6 +238,22 @@ def test_a_policy_on_sensors_walks_and_leaves_as_many_readings():
     assert sums[0] == sums[1] == [200] * 12
 
 
+def test_a_policy_at_400_hz_acts_on_the_sample_before_the_last_too():
+    simulation = Simulation(Plant.load('anymal_c'), walking_world())
+    instruments, walks = Instruments(simulation, 0), []
+    readings = [instruments.sense(simulation.advance(5)) for _ in range(3)]
+    for given in (readings[1:], readings):
+        walks.append(SensedWalk('trot', load_policy('trot'), SteadyCommand((0.4, 0.0, 0.0))))
+        for reading in given:
+            walks[-1].sense(*reading)
+    before_last = readings[1][0]
+    for walk in walks:
+        np.testing.assert_array_equal(walk._inputs.position, before_last.position[0])
+        np.testing.assert_array_equal(walk._inputs.effort, before_last.torque[0])
+    walks[0].reset()
+    assert not len(walks[0]._inputs.effort)
+
+
 def test_pushes_come_from_all_sides_with_moderate_strength():
     pushes = Pushes(3)
     found = [push for t in np.arange(0.0, 600.0, 0.1) if (push := pushes.due(t)) is not None]

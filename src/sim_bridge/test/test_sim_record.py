@@ -6,6 +6,7 @@ from sim_bridge.commands.arguments import SECONDS
 from sim_bridge.commands.arguments import record as record_command
 from sim_bridge.commands.record import plans
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.errors import InputError
 
 
 @pytest.fixture(scope='module')
@@ -103,6 +104,11 @@ def test_help_shows_an_example(capsys):
 def test_seeds_of_the_two_sets_differ():
     seeds = [plan.seed for which in SECONDS for plan in plans(which)]
     assert len(np.unique(seeds)) == 6
+
+
+def test_two_controllers_of_one_name_are_refused_before_they_walk():
+    with pytest.raises(InputError, match='two of a/trot, b/trot have one name'):
+        plans('paper', 0, ['a/trot', 'b/trot'])
 
 
 def test_recordings_made_side_by_side_are_those_of_one_worker(tmp_path, capsys):

@@ -66,8 +66,8 @@ class Inputs:
         self.complaints.pop('joint_states', None)
         self.position = np.asarray(position, dtype=np.float64)[columns]
         self.velocity = np.asarray(velocity, dtype=np.float64)[columns]
-        if len(effort) == len(key):
-            self.effort = np.asarray(effort, dtype=np.float64)[columns]
+        known = len(effort) == len(key)
+        self.effort = np.asarray(effort, dtype=np.float64)[columns] if known else np.zeros(0)
         if self._is_newer('joint_states', stamp):
             self.joint_time = now
 

@@ -111,50 +111,6 @@ def export(parser: ArgumentParser, args: Arguments) -> Namespace:
     return parser.parse_args(args)
 
 
-_OPTIMISE_GAIT = """\
-RUN/gait.yaml is the gait so far, for `imitation.gait` of a training; Ctrl-C and kill lose one
-generation at most.
-
-examples:
-  ros2 run policy_training optimise_gait -o runs/gait
-  ros2 run policy_training optimise_gait -o runs/gait --resume --generations 150
-  ros2 run policy_training train --config baseline --set imitation.gait=runs/gait -o runs/economy
-
-A gait for each task draws less than one for all (give each of the four its search):
-  ros2 run policy_training optimise_gait --task forward -o runs/forward
-  ros2 run policy_training optimise_gait --join runs/forward runs/fast runs/turn -o runs/gait
-"""
-
-
-@entry_point(
-    'policy_training.commands.optimise_gait:run',
-    'Search the scripted gait that draws least power over all tasks, by CMA-ES, with pushed '
-    'robots in the objective.',
-    _OPTIMISE_GAIT,
-)
-def optimise_gait(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add = parser.add_argument
-    add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the search')
-    add('--resume', action='store_true', help='go on with the search in that folder')
-    add('--gait', default='trot_even', help='gait to start from, by name (trot_even)')
-    add('--generations', type=int, default=100, metavar='N', help='in all (100)')
-    add('--population', type=int, metavar='N', help='gaits in a generation (14)')
-    add('--task', help='search the gait of one task alone: forward, fast, turn or sideways')
-    add(
-        '--join',
-        nargs='+',
-        type=Path,
-        metavar='RUN',
-        help='write the gaits of searches of a task each as one that follows the command',
-    )
-    add('--seed', type=int, help='of everything random (1)')
-    add('--threads', type=int, default=0, metavar='N', help='of the simulation; 0: one per core')
-    options = parser.parse_args(args)
-    if options.generations < 1 or options.threads < 0:
-        raise InputError('--generations must be 1 or more, --threads not negative')
-    return options
-
-
 _TRAIN = """\
 examples:
   ros2 run policy_training train --config baseline --steps 250e3 -o runs/first

@@ -1,11 +1,10 @@
-"""Trials of controllers on the tasks: power, tracking and falls of calm and of pushed robots.
+"""Trials of a policy on the tasks: power, tracking and falls of calm and of pushed robots.
 
-Many controllers walk side by side, each on robots of its own; the same seed gives all of them the
-same robots and pushes. Much faster than `evaluate`, and without its meter, supply and sensors: for
-searches and for choosing checkpoints, not for results.
+The same seed gives the same robots and pushes. Much faster than `evaluate`, and without its meter,
+supply and sensors: for choosing checkpoints, not for results.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -17,17 +16,10 @@ from wattwalk_core.arrays import Bools, Floats
 from policy_training.config import TrainingConfig, TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.power_term import PlantPower
-from policy_training.evaluation.tasks import TASKS, Task
+from policy_training.evaluation.tasks import TASKS
 
 _SETTLED: Final = 3.0  # s from the start that do not count
 _FREE: Final = (0.03, 0.05)  # m/s, rad/s: errors without a penalty
-_SPREAD: Final = ('payload', 'drive_friction', 'inertia', 'stiffness', 'pose', 'velocity')
-_AS_BUILT: Final = {
-    'physics.noise': 0.0,
-    'random.friction_low': 0.9,
-    'random.friction_high': 0.9,
-    **{f'random.{name}': 0.0 for name in _SPREAD},
-}
 
 
 class Walker(Protocol):
@@ -54,46 +46,30 @@ class TrialScore:
 
 
 class TaskTrial:
-    """Robots that walk the tasks, in turns of calm and pushed ones, for each of P controllers."""
+    """Robots that walk the tasks, in turns of calm and pushed ones."""
 
     def __init__(
         self,
         config: TrialConfig,
-        controllers: int = 1,
         threads: int = 0,
         *,
         observation: Observation | None = None,
         action_scale: float = 0.5,
-        tasks: Sequence[Task] = TASKS,
-        as_built: bool = False,
         plant: str = 'anymal_c',
     ) -> None:
-        """Prepare the robots.
-
-        observation, action_scale: of a learned policy. as_built: no spread between robots, which
-        shakes the watts of two of them by more than gaits differ.
-        """
+        """observation, action_scale: of a learned policy."""
         self._config = config
-        self._tasks = tuple(tasks)
-        self._controllers = controllers
         self._observation = observation
-        self.robots_each = len(self._tasks) * (config.calm + config.pushed)
-        self._training = _level_world(config, controllers * self.robots_each, threads)
-        self._training = self._training.with_values(
+        each = config.calm + config.pushed
+        self._training = _level_world(config, len(TASKS) * each, threads).with_values(
             {'action_scale': action_scale, 'physics.plant': plant}
         )
-        if as_built:
-            self._training = self._training.with_values(_AS_BUILT)
         self._plant = Plant.load(self._training.physics.plant)
-        each = config.calm + config.pushed
-        command = np.repeat([task.command for task in self._tasks], each, axis=0)
-        self._commands = np.tile(command, (controllers, 1))
-        self._pushed = np.tile(np.arange(each) >= config.calm, controllers * len(self._tasks))
+        self._commands = np.repeat([task.command for task in TASKS], each, axis=0)
+        self._pushed = np.tile(np.arange(each) >= config.calm, len(TASKS))
 
-    def run(
-        self, walker_of: Callable[[WalkingEnvironment], Walker], seed: int
-    ) -> list[TrialScore]:
-        """Return the scores of the controllers [P], whose robots lie side by side."""
+    def run(self, walker_of: Callable[[WalkingEnvironment], Walker], seed: int) -> TrialScore:
+        """Return the score of a controller."""
         config = self._config
         environment = WalkingEnvironment(
             self._training.with_values({'seed': seed}), observation=self._observation
@@ -122,30 +98,22 @@ class TaskTrial:
                 counted += good
             if config.pushed and row % every == every - 1:
                 environment.push(np.flatnonzero(self._pushed))
-        shape = (self._controllers, len(self._tasks), config.calm + config.pushed)
+        shape = (len(TASKS), config.calm + config.pushed)
         mean = np.maximum(counted, 1.0)[:, None]
         error = (reached / mean - self._commands).reshape(*shape, 3)
-        return [
-            _score(config, self._tasks, *parts)
-            for parts in zip(
-                (watts / mean).reshape(*shape, 12),
-                error,
-                (counted / rows).reshape(shape),
-                fell.reshape(shape),
-                strict=True,
-            )
-        ]
+        return _score(
+            config,
+            (watts / mean).reshape(*shape, 12),
+            error,
+            (counted / rows).reshape(shape),
+            fell.reshape(shape),
+        )
 
 
 def _score(
-    config: TrialConfig,
-    tasks: Sequence[Task],
-    watts: Floats,
-    error: Floats,
-    lasted: Floats,
-    fell: Bools,
+    config: TrialConfig, watts: Floats, error: Floats, lasted: Floats, fell: Bools
 ) -> TrialScore:
-    """Return the score of one controller from [tasks, robots, …]."""
+    """Return the score of a controller from [tasks, robots, …]."""
     calm = slice(0, config.calm)
     stood = np.where(lasted[:, calm] > 0.0, 1.0, np.nan)
     by_task = np.nan_to_num(
@@ -162,7 +130,7 @@ def _score(
         + config.yaw_price * max(yaw - _FREE[1], 0.0)
         + config.fall_price * (falls + 2.0 * calm_falls)
     )
-    names = [task.name for task in tasks]
+    names = [task.name for task in TASKS]
     return TrialScore(
         cost=cost,
         power=float(by_task.mean()),

@@ -1,27 +1,34 @@
-"""Files of a search for a gait, and gaits by name or file."""
+"""Gaits by name or file."""
 
-import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Final
 
-import numpy as np
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
 from policy_runner.policies.trot_gait import TROTS, GaitTable, TrotConfig
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Printable, Quantity, parse, read, schema
-from wattwalk_core.yaml_file import dump_yaml, read_yaml
+from wattwalk_core.schema import Printable, Quantity, read, schema
 
 from policy_training.config import TrainingConfig, gait_names, gait_path
-from policy_training.evaluation.task_trial import TrialScore
-from policy_training.learning.gait_search import RANGES, GaitSearch, GaitSearchConfig
 
-SEARCH: Final = 'search.yaml'
-GENERATIONS: Final = 'generations.jsonl'
-GAIT: Final = 'gait.yaml'
+RANGES: Final[Mapping[str, tuple[float, float]]] = {
+    'frequency': (1.0, 2.4),
+    'frequency_per_speed': (0.0, 1.2),
+    'stance_speed': (0.6, 1.2),
+    'duty': (0.52, 0.7),
+    'height': (0.48, 0.61),
+    'swing_height': (0.015, 0.09),
+    'foot_x': (0.26, 0.44),
+    'foot_y': (0.13, 0.30),
+    'damping': (1.0, 4.5),
+    'urgent_duty': (0.5, 0.65),
+    'urgent_height': (0.48, 0.60),
+    'urgent_swing_height': (0.04, 0.14),
+    'urgent_foot_x': (0.30, 0.46),
+    'urgent_foot_y': (0.22, 0.36),
+}
+"""What a file may change, lowest and highest."""
 _CLOCK: Final = ('frequency', 'frequency_per_speed')
 
 
@@ -45,7 +52,7 @@ class GaitFile:
     """A gait as a change of a named one.
 
     values: entries of `TrotConfig` by name. by_command: what differs at two or more commands,
-    between which gaits are blended. found: what the search measured, for people.
+    between which gaits are blended. found: what the search for it measured, for people.
     """
 
     base: Annotated[str, Printable(1)]
@@ -84,12 +91,9 @@ def load_gait_table(source: str) -> GaitTable | None:
 
 def _read(source: str) -> tuple[TrotConfig, GaitTable | None]:
     path = gait_path(source)
-    if os.path.isdir(path):
-        path = path / GAIT
     if not os.path.isfile(path):
         raise InputError(
-            f'no gait {source!r}; there are {", ".join(gait_names())}, or give a file of '
-            'optimise_gait'
+            f'no gait {source!r}; there are {", ".join(gait_names())}, or give a file'
         )
     found = read(GaitFile, path, 'gait')
     try:
@@ -114,115 +118,3 @@ def with_clock_of_gait(config: TrainingConfig) -> TrainingConfig:
             'cadence_adaptation': gait.cadence_adaptation or CADENCE_ADAPTATION,
         }
     )
-
-
-def join_searches(folders: Sequence[Path]) -> dict[str, Any]:
-    """Return the content of a gait file from searches of one task each.
-
-    The clock has one line over speed, the nearest to the frequencies of all. InputError for fewer
-    than two searches, one of all tasks, two of the same, and those of different bases.
-    """
-    own, bases = [], set()
-    for folder in folders:
-        config, base = GaitSearchFolder(folder).resume()
-        if not config.task:
-            raise InputError(f'{folder} searched all tasks; give searches of one --task each')
-        bases.add(base)
-        own.append((config.tasks[0], load_gait(str(folder))))
-    if len(bases) > 1 or len({task for task, _ in own}) < max(len(own), 2):
-        raise InputError('give two or more searches, of different tasks and from one gait')
-    speeds = np.array([np.hypot(*task.command[:2]) for task, _ in own])
-    frequencies = np.array([gait.frequency for _, gait in own])
-    rise = float(np.cov(speeds, frequencies, bias=True)[0, 1] / max(speeds.var(), 1e-9))
-    rise = float(np.clip(rise, *RANGES['frequency_per_speed']))
-    names = [name for name in RANGES if name not in _CLOCK]
-    return {
-        'base': bases.pop(),
-        'values': {
-            'frequency': round(float(frequencies.mean() - rise * speeds.mean()), 4),
-            'frequency_per_speed': round(rise, 4),
-        },
-        'by_command': [
-            {
-                'command': list(task.command),
-                'values': {
-                    name: round(float(value), 4)
-                    for name in names
-                    if (value := getattr(gait, name)) is not None
-                },
-            }
-            for task, gait in own
-        ],
-    }
-
-
-class GaitSearchFolder:
-    """Files of one search: its settings, a line for each generation, and the gait so far."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def start(self, config: GaitSearchConfig, base: str) -> None:
-        """Begin a search; InputError for a folder that holds one."""
-        if (self.path / SEARCH).exists():
-            raise InputError(f'{self.path} holds a search; --resume goes on with it')
-        self.path.mkdir(parents=True, exist_ok=True)
-        content = {'base': base, **asdict(config)}  # type: ignore[call-overload]
-        write_whole(self.path / SEARCH, dump_yaml(content))
-
-    def resume(self) -> tuple[GaitSearchConfig, str]:
-        """Return settings and base of the search here; InputError if there is none."""
-        if not (self.path / SEARCH).exists():
-            raise InputError(f'{self.path} holds no search to resume')
-        content = read_yaml(self.path / SEARCH, 'search')
-        base = content.pop('base', '') if isinstance(content, dict) else ''
-        return parse(GaitSearchConfig, content, f'search {self.path / SEARCH}'), str(base)
-
-    def replay(self, search: GaitSearch) -> None:
-        """Tell a new search the costs of the generations done, up to a line cut off by a kill."""
-        path = self.path / GENERATIONS
-        for line in path.read_text(encoding='utf-8').splitlines() if path.exists() else ():
-            try:
-                costs = [float(cost) for cost in json.loads(line)['costs']]
-            except (json.JSONDecodeError, KeyError, TypeError, ValueError):
-                break
-            if len(costs) != search.config.population:
-                raise InputError(f'{path} has {len(costs)} costs in a line; begin anew')
-            search.ask()
-            search.tell(costs)
-        self._keep(search.generation)
-
-    def add(
-        self, generation: int, scores: Sequence[TrialScore], centre: TrotConfig, base: str
-    ) -> None:
-        """Append a generation and replace the gait."""
-        best = min(scores, key=lambda score: score.cost)
-        row = {
-            'generation': generation,
-            'costs': [score.cost for score in scores],
-            'best': asdict(best),
-        }
-        with (self.path / GENERATIONS).open('a', encoding='utf-8') as stream:
-            stream.write(json.dumps(row) + '\n')
-        values: Mapping[str, float] = {
-            name: round(float(getattr(centre, name)), 4) for name in RANGES
-        }
-        content = {
-            'base': base,
-            'values': dict(values),
-            'found': {'generation': generation, 'best': _rounded(asdict(best))},
-        }
-        write_whole(self.path / GAIT, dump_yaml(content))
-
-    def _keep(self, generations: int) -> None:
-        path = self.path / GENERATIONS
-        if path.exists():
-            lines = path.read_text(encoding='utf-8').splitlines()[:generations]
-            write_whole(path, ''.join(line + '\n' for line in lines))
-
-
-def _rounded(content: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: _rounded(value) if isinstance(value, dict) else round(float(value), 4)
-        for key, value in content.items()
-    }

@@ -135,4 +135,4 @@ class PolicyTrial:
             tensors[f'layer{index}.weight'] = weight.numpy()
             tensors[f'layer{index}.bias'] = bias.numpy()
         network = Perceptron(tensors, 'elu')
-        return self._trial.run(lambda robots: NetworkWalker(network, robots), seed)[0]
+        return self._trial.run(lambda robots: NetworkWalker(network, robots), seed)

@@ -45,6 +45,11 @@ def plans(
     """
     if which == 'paper':
         alone = len(controllers) == 1
+        names = [short_name(controller) for controller in controllers]
+        if len(set(names)) < len(names):
+            raise InputError(
+                f'--controllers: two of {", ".join(controllers)} have one name; rename a folder'
+            )
         return tuple(
             RecordingPlan(
                 kind if alone else f'{kind}_{short_name(controller)}',

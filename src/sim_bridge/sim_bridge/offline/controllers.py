@@ -85,16 +85,28 @@ class SensedWalk(PolicyWalk):
     """
 
     _fresh = False
+    _on_the_bus: tuple[JointReadings, BodyReadings] | None = None
 
     def sense(self, joints: JointReadings, body: BodyReadings | None) -> None:
         """Take the last sample but one: the last is still on the bus."""
-        if body is None or len(joints.step) < 2:
+        if body is None or not len(joints.step):
             return
+        if len(joints.step) > 1:
+            self._take(joints, body, -2)
+        elif self._on_the_bus is not None:
+            self._take(*self._on_the_bus, -1)
+        self._on_the_bus = joints, body
+
+    def _take(self, joints: JointReadings, body: BodyReadings, row: int) -> None:
         inputs = self._inputs
-        inputs.position, inputs.velocity = joints.position[-2], joints.velocity[-2]
-        inputs.effort = joints.torque[-2]
+        inputs.position, inputs.velocity = joints.position[row], joints.velocity[row]
+        inputs.effort = joints.torque[row]
         inputs.on_imu(
-            int(body.step[-2]), body.orientation[-2], body.rate[-2], 0.0, body.acceleration[-2]
+            int(body.step[row]),
+            body.orientation[row],
+            body.rate[row],
+            0.0,
+            body.acceleration[row],
         )
         self._fresh = True
 
@@ -107,7 +119,8 @@ class SensedWalk(PolicyWalk):
     def reset(self) -> None:
         """Reset, after a fall."""
         super().reset()
-        self._fresh = False
+        self._inputs.effort = np.zeros(0)
+        self._fresh, self._on_the_bus = False, None
 
 
 class StandController:
