@@ -72,16 +72,19 @@ def material(
     least: float = LEAST_TO_FIT,
     window: float = 0.0,
     settings: FitSettings | None = None,
+    prepared: Prepared | None = None,
 ) -> Material:
     """Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
 
     base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
     for data that are too short or too still to decide anything, saying what is missing. least: s,
-    for operating points as many of them as LEAST_POINTS. window: as in `prepare`.
+    for operating points as many of them as LEAST_POINTS. window: as in `prepare`. prepared: what it
+    makes of these data, where that is known and there is no base.
     """
     if base is not None:
-        data = _without_unknown(data, base)
-    prepared = prepare(data, window)
+        prepared = prepare(_without_unknown(data, base), window)
+    elif prepared is None:
+        prepared = prepare(data, window)
     _require_excitation(prepared, least)
     if window:
         _require_windows(prepared, window)

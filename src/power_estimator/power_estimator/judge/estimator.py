@@ -122,6 +122,7 @@ class HeldOutEstimator:
             least=max(least, least * window),
             window=window,
             settings=self.settings.fit,
+            prepared=self.prepared if base is None else None,
         )
 
     def estimate(self, model: PowerModel, name: str) -> HeldOut:

@@ -55,6 +55,8 @@ class Fit:
     error: float  # summed over drives: mean log of the mean squared error of the blocks
     blocks: Blocks
     fitter: 'Fitter' = field(repr=False)
+    # A fitter keeps by this, not by the fit: both would only go with the garbage collector.
+    key: object = field(init=False, repr=False, default_factory=object)
 
     @property
     def design(self) -> Design:
@@ -151,7 +153,7 @@ class Fitter:
         assert current is not None
         target = self.prepared.power_at(current.delay) - design.constant
         linear = Linear(design, target, normal)
-        self._kept.put(current, linear, linear.size)
+        self._kept.put(current.key, linear, linear.size)
         return current
 
     def linear(self, fit: Fit) -> Linear:
@@ -162,7 +164,7 @@ class Fitter:
             target = self.prepared.power_at(fit.delay) - design.constant
             return Linear(design, target, Normal.of(design.columns, target, fit.blocks))
 
-        return self._kept.get(fit, make, lambda linear: linear.size)
+        return self._kept.get(fit.key, make, lambda linear: linear.size)
 
     def _solved(
         self,
