@@ -57,6 +57,23 @@ def test_the_position_loop_closes_behind_the_spring_which_does_not_soften_it(pla
     np.testing.assert_allclose(held(drives(plant=plant), 0.1), 80.0 * 0.1, rtol=1e-3)
 
 
+def test_a_plant_without_a_spring_keeps_its_rotors():
+    light = Plant.load('anymal_c').with_effects(spring=False, rotor_inertia=0.5)
+    for plant, inertia in (('ideal', 0.005), (light, 0.5 * 0.0675), ('anymal_c', 0.0675)):
+        np.testing.assert_allclose(drives(plant=plant)._drives.inertia, inertia)
+
+
+@pytest.mark.parametrize('timestep', [0.0005, 0.0025, 0.0075, 0.01])
+def test_rotors_follow_their_joints_at_any_time_step(timestep):
+    made = BatchDrives(SMOOTH, 1, timestep, CALM, np.random.default_rng(0))
+    speed = np.full((1, 12), 2.0)
+    for step in range(round(1.0 / timestep)):
+        position = speed * timestep * step
+        made.aim(position)
+        made.push(position, speed)
+    np.testing.assert_allclose(made.rotor_speed, speed, rtol=1e-3)
+
+
 def test_a_joint_that_turns_feels_grease_and_dry_friction():
     made, speed = drives(plant=SMOOTH), np.full((1, 12), 2.0)
     for step in range(400):

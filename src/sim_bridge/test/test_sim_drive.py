@@ -1,5 +1,7 @@
 """Each effect: sign, symmetry, zero when off, and figures that one can check by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from energy_balance import friction_parts
@@ -333,3 +335,12 @@ def test_joints_of_the_published_plant_show_what_is_published_of_anymals(drive):
     assert 0.039 < armature < 0.089
     assert 4.3 < damping < 5.5
     assert abs(dry) < 0.1
+
+
+def test_friction_of_the_output_side_is_worn_and_switched_off_as_viscous_friction():
+    plant = Plant.load('anymal_c_published')
+    worn = replace(plant, wear={'LF_KFE': {'viscous_friction': 2.0}})
+    off = plant.with_effects(viscous_friction=False)
+    for changed, expected in ((plant, 4.6), (worn, 9.2), (off, 0.0)):
+        simulation = Simulation(changed, stand_world('LF_KFE'))
+        assert simulation.world.model.dof_damping.tolist() == [expected]

@@ -169,7 +169,7 @@ class Robots:
                     geom.conaffinity = 0
         model = spec.compile()
         batch = self._batch = Batch(model, count, physics.threads)
-        batch.expand('dof_damping')[:, 6:] = self.drives.joint_damping + self.drives.output_viscous
+        batch.expand('dof_damping')[:, 6:] = self.drives.joint_damping + self.drives.output_damping
         batch.expand('dof_armature')[:, 6:] = self.drives.output_inertia
         self._ground = Ground(terrain, model, batch)
         batch.expand('geom_friction')[..., 0] = random.uniform(

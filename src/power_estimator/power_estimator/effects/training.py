@@ -78,8 +78,8 @@ def material(
 
     base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
     for data that are too short or too still to decide anything, saying what is missing. least: s,
-    for operating points as many of them as LEAST_POINTS. window: as in `prepare`. prepared: what it
-    makes of these data, where that is known and there is no base.
+    for operating points as many of them as LEAST_POINTS. window: as in `prepare`. prepared: what
+    that makes of these data, where it is known and there is no base.
     """
     if base is not None:
         prepared = prepare(_without_unknown(data, base), window)
@@ -87,7 +87,7 @@ def material(
         prepared = prepare(data, window)
     _require_excitation(prepared, least)
     if window:
-        _require_windows(prepared, window)
+        _require_windows(prepared, window, settings)
     drives = prepared.signals.names
     types = infer_types(drives)
     if per == 'drive' or prepared.whole:
@@ -231,8 +231,8 @@ def _require_excitation(prepared: Prepared, least: float) -> None:
         )
 
 
-def _require_windows(prepared: Prepared, window: float) -> None:
-    count = int(Blocks.of(prepared).valid.any(axis=1).sum())
+def _require_windows(prepared: Prepared, window: float, settings: FitSettings | None) -> None:
+    count = int(Blocks.of(prepared, settings).valid.any(axis=1).sum())
     if count < _LEAST_WINDOWS:
         raise InputError(
             f'{", ".join(prepared.recordings)}: its slow meter is judged by the energy over '

@@ -15,7 +15,6 @@ from sim_bridge.plant.parameters import Plant
 
 SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
 _LINK_INERTIA: Final = 0.012  # kg·m², the least that hangs on a joint of a leg
-_DAMPED: Final = np.array([[0.0], [VELOCITY_GAIN], [0.0]])  # kp, kd and feed without a command
 _ALL: Final = slice(None)
 _STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a step
 
@@ -111,6 +110,7 @@ class Drives:
         self.elastic = effects.spring.enabled
         self.stiffness: Floats = p['spring_stiffness'] / max(effects.spring.strength, 1e-3)
         self.damping: Floats = p['spring_damping']
+        self.output_damping: Floats = p['output_viscous'] * effects.viscous_friction.scale
         self._step = step if self.elastic else 0.0
         self._stall, droop = torque_at_speed(plant, p)
         cogging = p['cogging'] * effects.cogging.scale
@@ -125,7 +125,7 @@ class Drives:
         self._ceiling, self._floor = self._held[3:]
         self.rotor = np.zeros(len(names))
         self.rotor_velocity = np.zeros(len(names))
-        self._held[:3] = _DAMPED
+        self._held[1] = VELOCITY_GAIN
         self.set_voltage(plant.supply.voltage)
 
     @property
@@ -156,7 +156,8 @@ class Drives:
             kp, kd, target = 0.0, self.gains[1], nothing
         feed = kp * target + kd * velocity + effort
         asked = np.stack(np.broadcast_arrays(kp, kd, feed))
-        held = np.where(np.isfinite(feed), asked, _DAMPED)
+        damped = np.stack(np.broadcast_arrays(0.0, self.gains[1], nothing))
+        held = np.where(np.isfinite(feed), asked, damped)
         self._pending.append((self._count + self._late, held))
 
     def set_voltage(self, voltage: float) -> None:

@@ -85,7 +85,7 @@ class Simulation:
         self.bus = Bus(plant, self.drives.parameters, STEP)
         model = self.world.model
         model.dof_armature[-joints:] = self.drives.armature
-        model.dof_damping[-joints:] = self.drives.parameters['output_viscous']
+        model.dof_damping[-joints:] = self.drives.output_damping
         self._data = mujoco.MjData(model)
         mujoco.mj_setConst(model, self._data)
         self._qpos = np.zeros((capacity + 1, model.nq))

@@ -8,7 +8,7 @@ from wattwalk_core.errors import InputError, quoted
 
 WEARS: Final[Mapping[str, tuple[str, ...]]] = {
     'coulomb_friction': ('coulomb',),
-    'viscous_friction': ('viscous',),
+    'viscous_friction': ('viscous', 'output_viscous'),
     'stribeck_friction': ('stribeck',),
     'load_friction': ('load_friction',),
     'copper_loss': ('resistance',),
