@@ -37,8 +37,12 @@ def looped(bandwidth: float, **drives: float) -> Plant:
 
 def open_loop() -> Plant:
     """Return the plant `anymal_c_published` without its loop: what is published is the rotor's."""
-    plant = changed(viscous=4.6, spring_stiffness=181.0).with_effects(torque_ripple=True)
-    return replace(plant, command_delay=0.0075)
+    plant = Plant.load('anymal_c_published').with_effects(torque_loop=False)
+    types = {
+        kind: replace(d, viscous=d.output_viscous, output_viscous=0.0, output_inertia=0.0)
+        for kind, d in plant.drive_types.items()
+    }
+    return replace(plant, drive_types=types)
 
 
 def plants() -> Mapping[str, Plant]:

@@ -107,7 +107,9 @@ def test_seeds_of_the_two_sets_differ():
 
 
 def test_two_controllers_of_one_name_are_refused_before_they_walk():
-    with pytest.raises(InputError, match='two of a/trot, b/trot have one name'):
+    with pytest.raises(
+        InputError, match='two of a/trot, b/trot are called the same; rename a folder'
+    ):
         plans('paper', 0, ['a/trot', 'b/trot'])
 
 

@@ -1,6 +1,7 @@
 """Policies by name or by folder, with one interface."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -95,6 +96,14 @@ def short_name(source: str) -> str:
     """Return the name of a policy, of its folder, or of the training that it is in."""
     path = Path(source)
     return path.parent.name if path.name == EXPORTED else path.name
+
+
+def by_short_name(sources: Sequence[str]) -> dict[str, str]:
+    """Return sources of policies by their short names; InputError for two of one name."""
+    named = {short_name(source): source for source in sources}
+    if len(named) < len(sources):
+        raise InputError(f'two of {", ".join(sources)} are called the same; rename a folder')
+    return named
 
 
 def learned_folder(source: str) -> Path:

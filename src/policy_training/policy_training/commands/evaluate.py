@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from policy_runner.policies.by_name import load_policy, short_name
+from policy_runner.policies.by_name import by_short_name, load_policy
 from power_estimator.loader import load_model
 from power_recordings.reading.bag_folder import check_recordings
 from rich.console import Console
@@ -25,9 +25,8 @@ def run(options: argparse.Namespace) -> int:
     tasks = parse_tasks(options.tasks)
     if options.video is not None:
         options.video.mkdir(parents=True, exist_ok=True)
-    sources = {short_name(source): policy_source(source) for source in options.policies}
-    if len(sources) < len(options.policies):
-        raise InputError(f'two policies are called the same among {", ".join(options.policies)}')
+    named = by_short_name(options.policies)
+    sources = {name: policy_source(source) for name, source in named.items()}
     for source in sources.values():
         load_policy(source, trust_code=options.trust_code)
     models = {spec: load_model(spec) for spec in options.models}

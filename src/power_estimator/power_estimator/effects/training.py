@@ -81,6 +81,7 @@ def material(
     for operating points as many of them as LEAST_POINTS. window: as in `prepare`. prepared: what
     that makes of these data, where it is known and there is no base.
     """
+    settings = settings or FitSettings()
     if base is not None:
         prepared = prepare(_without_unknown(data, base), window)
     elif prepared is None:
@@ -99,7 +100,7 @@ def material(
         if len(power) != len(prepared.signals.time):
             raise InputError('the recording has samples without position, velocity or torque')
         base_power = BasePower(power, _copper(prepared, catalogue, settings))
-    return Material(prepared, types, base_power, settings or FitSettings())
+    return Material(prepared, types, base_power, settings)
 
 
 def fit_model(
@@ -231,7 +232,7 @@ def _require_excitation(prepared: Prepared, least: float) -> None:
         )
 
 
-def _require_windows(prepared: Prepared, window: float, settings: FitSettings | None) -> None:
+def _require_windows(prepared: Prepared, window: float, settings: FitSettings) -> None:
     count = int(Blocks.of(prepared, settings).valid.any(axis=1).sum())
     if count < _LEAST_WINDOWS:
         raise InputError(
@@ -247,9 +248,7 @@ def _without_unknown(data: AlignedDataset, base: Singles) -> AlignedDataset:
     return replace(data, power=power)
 
 
-def _copper(
-    prepared: Prepared, catalogue: Catalogue | None, settings: FitSettings | None
-) -> Floats:
+def _copper(prepared: Prepared, catalogue: Catalogue | None, settings: FitSettings) -> Floats:
     """Return the copper loss, W/(N·m)² [D], of a baseline model fitted for that alone."""
     known = catalogue or builtin_catalogue()
     names = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')

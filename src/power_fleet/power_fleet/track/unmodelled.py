@@ -159,11 +159,12 @@ def explain(
     """
     early, late = sides(history, change)
     show(f'diagnosing {history.drive} from {late[0]} on')
-    after, outcome, lab = _pool(late, history, paths, request)
-    if outcome is None or lab is None or after.verdict == 'no_evidence':
+    after, found = _pool(late, history, paths, request)
+    if found is None or after.verdict == 'no_evidence':
         return None
+    lab, outcome = found
     show(f'diagnosing {history.drive} before {late[0]}')
-    before, _, _ = _pool(early, history, paths, request)
+    before, _ = _pool(early, history, paths, request)
     if after.verdict == 'none_of_the_above':
         if growth is None and before.verdict == after.verdict:
             return None
@@ -185,17 +186,17 @@ def sides(history: DriveHistory, change: Change) -> tuple[list[str], list[str]]:
 
 def _pool(
     names: Sequence[str], history: DriveHistory, paths: Mapping[str, Path], request: Request
-) -> tuple[Pool, Outcome | None, Session | None]:
+) -> tuple[Pool, tuple[Session, Outcome] | None]:
     found = [paths[name] for name in names]
     try:
         loaded = load(found, [history.joint], slow=request.slow, anyway=request.anyway)
         lab = Session(Judge(loaded, request.catalogue), request.model, request.spec)
         outcome = lab.diagnose()
     except InputError as error:
-        return Pool(tuple(names), 'no_evidence', (), str(error)), None, None
+        return Pool(tuple(names), 'no_evidence', (), str(error)), None
     diagnosis = outcome.diagnosis
     pool = Pool(tuple(names), diagnosis.verdict, diagnosis.effects, outcome.sentence)
-    return pool, outcome, lab
+    return pool, (lab, outcome)
 
 
 def _discovered(lab: Session, show: Callable[[str], None]) -> str:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from policy_runner.policies.by_name import short_name
+from policy_runner.policies.by_name import by_short_name
 from power_recordings.card import FILE, Card
 from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES
 from wattwalk_core.engine.task_engine import TaskEngine
@@ -45,21 +45,16 @@ def plans(
     """
     if which == 'paper':
         alone = len(controllers) == 1
-        names = [short_name(controller) for controller in controllers]
-        if len(set(names)) < len(names):
-            raise InputError(
-                f'--controllers: two of {", ".join(controllers)} have one name; rename a folder'
-            )
         return tuple(
             RecordingPlan(
-                kind if alone else f'{kind}_{short_name(controller)}',
+                kind if alone else f'{kind}_{name}',
                 seed + i + _APART * number,
                 (f'LF_{kind}',),
                 controller,
                 terrain='rough',
                 pushes=True,
             )
-            for number, controller in enumerate(controllers)
+            for number, (name, controller) in enumerate(by_short_name(controllers).items())
             for i, kind in enumerate(JOINT_TYPES)
         )
     if which == 'robustness':

@@ -112,7 +112,10 @@ class Drives:
         self.damping: Floats = p['spring_damping']
         self.output_damping: Floats = p['output_viscous'] * effects.viscous_friction.scale
         self._step = step if self.elastic else 0.0
-        self._stall, droop = torque_at_speed(plant, p)
+        weakening = effects.field_weakening.scale
+        flux = p['reactance'] * p['weakening_current'] if weakening else 0.0
+        self._stall = p['torque_constant'] * p['modulation'] / p['resistance']
+        droop = p['torque_constant'] * (p['torque_constant'] - flux) / p['resistance']
         cogging = p['cogging'] * effects.cogging.scale
         rows = (droop, p['torque_limit'], cogging, p['cogging_order'], self.inertia)
         self._table = np.array((*rows, self.stiffness, self.damping))
@@ -155,10 +158,13 @@ class Drives:
         else:
             kp, kd, target = 0.0, self.gains[1], nothing
         feed = kp * target + kd * velocity + effort
-        asked = np.stack(np.broadcast_arrays(kp, kd, feed))
-        damped = np.stack(np.broadcast_arrays(0.0, self.gains[1], nothing))
-        held = np.where(np.isfinite(feed), asked, damped)
-        self._pending.append((self._count + self._late, held))
+        good = np.isfinite(feed)
+        held = (
+            np.where(good, kp, 0.0),
+            np.where(good, kd, self.gains[1]),
+            np.where(good, feed, 0.0),
+        )
+        self._pending.append((self._count + self._late, np.array(held)))
 
     def set_voltage(self, voltage: float) -> None:
         """Set the bus voltage, V, which limits torque at speed."""
@@ -191,15 +197,7 @@ class Drives:
         self._count += 1
 
 
-def torque_at_speed(plant: Plant, p: dict[str, Floats]) -> tuple[Floats, Floats]:
-    """Return what limits torque: at standstill, N·m/V, and its fall with speed, N·m·s/rad."""
-    weakening = plant.effects.field_weakening.scale
-    flux = p['reactance'] * p['weakening_current'] if weakening else 0.0
-    admittance = p['torque_constant'] / p['resistance']
-    return admittance * p['modulation'], admittance * (p['torque_constant'] - flux)
-
-
-def torque_loop(
+def _torque_loop(
     plant: Plant, p: dict[str, Floats], inertia: Floats, stiffness: Floats
 ) -> tuple[Floats, Floats]:
     """Return the gains of the torque loops on the error, and on the spring's rate, N·m·s/rad.
@@ -220,7 +218,7 @@ def _loop_table(
 ) -> tuple[Floats, int]:
     """Return the table of the torque loops, and the steps that they remember; 0 without loops."""
     effects = plant.effects
-    gain, damping = torque_loop(plant, p, inertia, stiffness)
+    gain, damping = _torque_loop(plant, p, inertia, stiffness)
     delay = np.rint(p['loop_delay'] * effects.torque_loop.scale / step)
     follows = 1.0 - np.exp(-2.0 * np.pi * p['current_bandwidth'] * step)
     ripple = p['torque_ripple'] * effects.torque_ripple.scale
