@@ -61,7 +61,7 @@ def judge(group: str, name: str, motion: str, seed: int) -> dict[str, Any]:
     try:
         data = recorded(hidden, motion, seed=seed, faults=faults, **given)
         with threadpool_limits(limits=1):
-            lab = Session(Judge(Loaded.of(data, ['learned on']))).fit(KNOWN)
+            lab = Session(Judge(Loaded.of(data))).fit(KNOWN)
             start = time.process_time()
             discovery = lab.discover().discovery
             row['cpu_s'] = round(time.process_time() - start, 1)
@@ -108,8 +108,7 @@ def elsewhere(lab: Session, discovery: Discovery, other: AlignedDataset) -> dict
 
 def error(lab: Session, other: AlignedDataset) -> float:
     """W rms on another recording of the model fitted to one."""
-    # Without a fingerprint the model would be taken to know this recording, and be refitted.
-    judge = Judge(Loaded.of(other, ['other']), lab.judge.catalogue)
+    judge = Judge(Loaded.of(other), lab.judge.catalogue)
     return round(judge.score(lab.model).rms_w, 4)
 
 

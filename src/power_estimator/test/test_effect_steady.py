@@ -63,7 +63,7 @@ def test_an_effect_that_needs_time_is_refused_with_the_reason(effect):
 
 
 def test_every_point_counts_without_delay_and_energy_means_nothing():
-    judge = Judge(Loaded.of(points(*TABLE), ['a']))
+    judge = Judge(Loaded.of(points(*TABLE)))
     judged = judge.score(fitted(points(*TABLE)))
     assert judged.drives['MOTOR'].samples == 120
     assert judged.delays == (0.0,)
@@ -74,7 +74,7 @@ def test_every_point_counts_without_delay_and_energy_means_nothing():
 
 
 def test_a_proxy_is_scaled_on_the_other_points():
-    judged = Judge(Loaded.of(points(*TABLE), ['a'])).score(Proxy('mechanical_power'))
+    judged = Judge(Loaded.of(points(*TABLE))).score(Proxy('mechanical_power'))
     assert judged.drives['MOTOR'].r2 > 0.5
     assert judged.drives['MOTOR'].samples == 120
 

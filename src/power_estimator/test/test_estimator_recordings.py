@@ -67,7 +67,7 @@ def test_drives_are_chosen_by_pattern_and_the_supply_then_says_nothing(bag):
 
 
 def test_only_the_test_part_of_a_known_recording_is_judged_on(drives, checkpoint):
-    given = Loaded.of(drives(20.0), ['a' * 64])
+    given = Loaded.of(drives(20.0))
     time, recording = given.data.time, given.data.recording
     span = [float(time[100]), float(time[199])]
 
@@ -75,7 +75,7 @@ def test_only_the_test_part_of_a_known_recording_is_judged_on(drives, checkpoint
         ppn = PowerPredictionNetwork(replace(checkpoint, recordings=trained))
         return held_out_rows(ppn, given, time, recording)
 
-    known = TrainingRecording('walk', 'a' * 64, {}, {'HAA': [span]})
+    known = TrainingRecording(**given.identities[0], held_out={'HAA': [span]})
     assert np.flatnonzero(rows(known)[:, 0]).tolist() == list(range(100, 200))
     assert rows(known)[:, 1].all()
     assert rows().all()

@@ -19,7 +19,6 @@ from power_estimator.training.trainer_config import TrainerConfig
 from wattwalk_core.errors import InputError
 
 SMALL = NetworkConfig(hidden=12)
-SHA256 = 'a' * 64
 QUICK = TrainerConfig(epochs=3, batch=4, chunk=40)
 
 
@@ -31,13 +30,13 @@ def cross_validation(data, *, config=SMALL, training=QUICK, folds=1, others=()):
         training=training,
         protocol=Protocol(folds=folds, margin=config.history),
         others=others,
-        recordings=[TrainingRecording(name, SHA256) for name in data.recordings],
+        recordings=[TrainingRecording(**one) for one in Loaded.of(data).identities],
     )
 
 
 def judged(validation, fold, checkpoint):
     """Scores of a fold by model."""
-    judge = Judge(Loaded.of(validation.data, [SHA256]))
+    judge = Judge(Loaded.of(validation.data))
     return {one.name: one for one in validation.test(fold, checkpoint, judge)[0]}
 
 

@@ -9,6 +9,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.model_file.yaml_file import write_model
 from power_estimator.effects.training import fit_model
+from power_estimator.judge.held_out import knows
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.loader import load_model, on_base
@@ -18,22 +19,21 @@ from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()
 PLAIN = load_model('plain')
-A, B = 'a' * 64, 'b' * 64
 
 
 @pytest.fixture(scope='module')
 def one(drives):
-    return Loaded.of(drives(60.0, seed=1), [A])
+    return Loaded.of(drives(60.0, seed=1))
 
 
 @pytest.fixture(scope='module')
 def other(drives):
-    return Loaded.of(drives(60.0, seed=2, start=5000.0, recording='other'), [B])
+    return Loaded.of(drives(60.0, seed=2, start=5000.0, recording='other'))
 
 
 @pytest.fixture(scope='module')
 def both(one, other):
-    return Loaded.of(merge([one.data, other.data]), [A, B])
+    return Loaded.of(merge([one.data, other.data]))
 
 
 def fitted(recording):
@@ -58,6 +58,15 @@ def test_a_model_is_refitted_where_it_was_fitted_and_predicted_elsewhere(one, ot
 def _doubled(group):
     idle = (FittedValue(60.0, (60.0, 60.0)),)
     return replace(group, coefficients={**group.coefficients, 'idle': idle})
+
+
+def test_signals_without_a_file_are_known_by_what_they_are(one, other, both):
+    turned = merge([other.data, one.data.drives(one.data.names[::-1])])
+    assert both.identities == (*one.identities, *other.identities)
+    assert Loaded.of(turned).identities == both.identities[::-1]
+    assert knows(fitted(one), both).tolist() == [True, False]
+    louder = replace(one.data, power=one.data.power * np.float32(1.01))
+    assert not knows(fitted(one), Loaded.of(louder)).any()
 
 
 def test_a_structure_without_coefficients_is_judged_as_one_that_was_fitted_here(one):
@@ -92,9 +101,9 @@ def test_a_recordings_figure_does_not_change_with_one_that_the_model_does_not_kn
 def test_a_gain_error_of_one_of_two_recordings_costs_the_other_nothing(one, other):
     data = merge([one.data, other.data])
     wrong = data.power * np.where(data.recording == 0, 1.04, 1.0)[:, None].astype(np.float32)
-    first = Judge(Loaded.of(data, [A, B])).prepared.recording == 0
+    first = Judge(Loaded.of(data)).prepared.recording == 0
     clean, faulty = (
-        Judge(Loaded.of(each, [A, B])).score(PLAIN).residual
+        Judge(Loaded.of(each)).score(PLAIN).residual
         for each in (data, replace(data, power=wrong))
     )
     before, after = (np.sqrt(np.nanmean(np.square(each[~first]))) for each in (clean, faulty))

@@ -79,7 +79,7 @@ def test_a_prior_decides_what_the_recording_does_not(tmp_path):
     still = points(torque, np.full(120, 1e-3), 0.1 * torque**2 + 20.0)
     effects = named_effects(['shaft copper_loss iron_loss idle'], KNOWN)
     prior = {'copper_loss': ((0.05, 0.01),), 'iron_loss': ((0.5, 0.1), (0.0, np.inf))}
-    judge = Judge(Loaded.of(still, ['a']), KNOWN)
+    judge = Judge(Loaded.of(still), KNOWN)
     model = fitted(judge, effects, 'with', prior=prior)
     (group,) = model.groups
     assert group.coefficients['iron_loss'][0].value == pytest.approx(0.5, rel=0.05)

@@ -30,7 +30,7 @@ def truth():
 def test_intervals_hold_the_truth_also_where_the_torque_sensor_reads_low(bag, reads):
     judge = Session.open(bag).judge
     data = replace(judge.recordings.data, torque=judge.recordings.data.torque * np.float32(reads))
-    judge = Judge(Loaded.of(data, ['leg']), judge.catalogue)
+    judge = Judge(Loaded.of(data), judge.catalogue)
     model = fitted(judge, named_effects([EFFECTS], judge.catalogue), 'leg', per='drive')
     held = [
         own.interval[0] <= value <= own.interval[1]

@@ -1,5 +1,6 @@
 """Recordings as models are judged on them: unsmoothed at 400 Hz, measured drives only."""
 
+import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from power_recordings.alignment.align import load_aligned
-from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.reading.reader import Recording
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
@@ -35,16 +36,13 @@ class Loaded:
     smoothed: AlignedDataset | None = None  # signals that networks get in place of `smooth`
 
     @classmethod
-    def of(cls, data: AlignedDataset, sha256: Sequence[str] = ()) -> 'Loaded':
-        """Signals at 200 Hz that no file is behind, with a fingerprint for each recording."""
-        known = [*sha256, *[''] * (len(data.recordings) - len(sha256))]
-        identities = zip(data.recordings, known, strict=True)
-        return cls(
-            data,
-            (),
-            tuple({'name': name, 'sha256': own} for name, own in identities),
-            ('',) * len(data.recordings),
+    def of(cls, data: AlignedDataset) -> 'Loaded':
+        """Signals that no file is behind; their fingerprints are of the signals themselves."""
+        identities = tuple(
+            {'name': name, 'sha256': _fingerprint(data, index)}
+            for index, name in enumerate(data.recordings)
         )
+        return cls(data, (), identities, ('',) * len(data.recordings))
 
     @property
     def judged_on(self) -> dict[str, list[str]]:
@@ -164,6 +162,17 @@ def load(
         _window(read.changes) if slow else 0.0,
     )
     return loaded.without(without)
+
+
+def _fingerprint(data: AlignedDataset, index: int) -> str:
+    """Hash of one recording's signals, whatever the order of its drives."""
+    own = data.rows(data.recording == index)
+    digest = hashlib.sha256(own.time.tobytes() + own.supply.tobytes())
+    for name in sorted(own.names):
+        digest.update(name.encode())
+        for signal in DRIVE_SIGNALS:
+            digest.update(getattr(own, signal)[:, own.names.index(name)].tobytes())
+    return digest.hexdigest()
 
 
 def _window(changes: Sequence[float]) -> float:
