@@ -89,7 +89,7 @@ def make(name: str, folder: Path) -> Session:
         if recipe.sides not in ('', recipe.map):
             bags = imported(card['logs'], recipe.sides, Path(temporary))
             beside = Session.open(*bags, **dict(recipe.how))
-        found = list(both_sides(beside.judge.prepared).values())
+        found = list(both_sides(beside.judge).values())
         findings = [line for one in found for line in one.lines()]
         if recipe.behind_inverter:
             (bag,) = imported(card['logs'], recipe.behind_inverter, Path(temporary))

@@ -23,6 +23,8 @@ from lab_scenarios import BASES
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
 from power_fleet.track.history import histories
 from power_fleet.track.kept_fit import from_bytes, to_bytes
 from power_fleet.track.recording_fit import Occasion, RecordingFit, fit_recording
@@ -159,7 +161,7 @@ def history(own: Plan, count: int, cache: Path) -> list[RecordingFit]:
     for index, (occasion, truth) in enumerate(circumstances(own, count)):
         file = cache / f'{own.seed}_{count}_of_{own.robots}_{index}.fit'
         if not file.exists():
-            fit = fit_recording(record(truth), model(), CATALOGUE, occasion)
+            fit = fit_recording(Judge(Loaded.of(record(truth))), model(), occasion)
             write_whole(file, to_bytes(fit))
         out.append(from_bytes(file.read_bytes()))
     return out

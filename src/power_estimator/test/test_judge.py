@@ -103,8 +103,7 @@ def test_a_gain_error_of_one_of_two_recordings_costs_the_other_nothing(one, othe
     wrong = data.power * np.where(data.recording == 0, 1.04, 1.0)[:, None].astype(np.float32)
     first = Judge(Loaded.of(data)).prepared.recording == 0
     clean, faulty = (
-        Judge(Loaded.of(each)).score(PLAIN).residual
-        for each in (data, replace(data, power=wrong))
+        Judge(Loaded.of(each)).score(PLAIN).residual for each in (data, replace(data, power=wrong))
     )
     before, after = (np.sqrt(np.nanmean(np.square(each[~first]))) for each in (clean, faulty))
     assert after == pytest.approx(before, rel=0.02)

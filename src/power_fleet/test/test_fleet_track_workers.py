@@ -9,8 +9,13 @@ from pathlib import Path
 
 import pytest
 from aligned_bag import write
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.settings import FitSettings
+from power_estimator.effects.model_file.yaml_file import read_model
+from power_estimator.judge.estimator import JudgeSettings
 from power_fleet.commands.arguments import track as track_command
 from power_fleet.track import reading
+from power_fleet.track.kept_fit import from_bytes
 from power_fleet.track.outcome import Request
 from power_recordings.index.store import RecordingIndex, Stamp
 from truth_circuit import Truth, record
@@ -119,6 +124,18 @@ def test_a_recording_that_is_another_one_on_the_worker_is_left_out(days):
     fitted = reading.fit_stamped(Request(None, None), Stamp(stamp.path, stamp.size + 1, 1))
     assert fitted.facts is None
     assert 'another recording' in json.loads(fitted.content)['unfit']
+
+
+def test_settings_of_a_request_reach_its_fits(days):
+    known = builtin_catalogue()
+    model, stamp = read_model(days[1], known), Stamp.of(Path(days[0][0]))
+    settings = JudgeSettings(), JudgeSettings(fit=FitSettings(drawn_together=1))
+    one, two = (
+        from_bytes(reading.fit_stamped(Request(model, known, settings=own), stamp).content)
+        for own in settings
+    )
+    assert (one.values == two.values).all()
+    assert (one.covariance != two.covariance).any()
 
 
 def test_users_effects_reach_the_workers(days, index, tmp_path):

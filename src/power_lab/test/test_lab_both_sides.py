@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.effects.signals.prepared import prepare
+from power_estimator.effects.fit.settings import FitSettings
+from power_estimator.judge.estimator import JudgeSettings
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
 from power_lab.compare.both_sides import both_sides
 from power_recordings.alignment.dataset import AlignedDataset
 
@@ -25,8 +28,9 @@ def bench(*, loss=0.0, scale=1.0, driven=True, seconds=60):
     return replace(data, motor_current=current[:, None].astype(np.float32))
 
 
-def found(data, **how):
-    (one,) = both_sides(prepare(data), **how).values()
+def found(data, **settings):
+    judge = Judge(Loaded.of(data), settings=JudgeSettings(fit=FitSettings(**settings)))
+    (one,) = both_sides(judge).values()
     return one
 
 
@@ -86,12 +90,17 @@ def test_a_current_that_the_power_does_not_follow_gives_no_torque_constant():
     assert 'follows the torque' in one.remark
 
 
+def test_blocks_are_those_of_the_judges_settings():
+    assert found(bench(), block_seconds=(10.0,)).remark.startswith('its current is too small')
+
+
 def test_computed_power_is_said_to_give_the_figures_of_its_formula():
-    assert 'figures of that formula' in found(bench(), computed=frozenset({'KNEE'})).lines()[-1]
+    data = replace(bench(), computed_power=frozenset({'KNEE'}))
+    assert 'figures of that formula' in found(data).lines()[-1]
 
 
 def test_a_recording_without_motor_current_has_one_side():
-    assert both_sides(prepare(replace(bench(), motor_current=None))) == {}
+    assert both_sides(Judge(Loaded.of(replace(bench(), motor_current=None)))) == {}
 
 
 def test_rows_without_a_current_do_not_count():

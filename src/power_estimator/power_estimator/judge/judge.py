@@ -17,7 +17,7 @@ from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_estimator.effects.training import Material
+from power_estimator.effects.training import LEAST_TO_FIT, Material
 from power_estimator.judge.estimator import HeldOutEstimator, JudgeSettings
 from power_estimator.judge.held_out import (
     base_power,
@@ -160,13 +160,15 @@ class Judge:
         power = None if base is None else base_power(self.recordings, base, base.name).power
         return self._estimator.material(power, per)
 
-    def material_under(self, model: EffectModel, least: float) -> Material:
-        """Signals for a search beside a model, on its base's power; least: s of recordings.
+    def material_under(
+        self, model: EffectModel, least: float = LEAST_TO_FIT, per: str = 'type'
+    ) -> Material:
+        """Signals for a fit or search beside a model, on its base's power; least: s of recordings.
 
         InputError for recordings that are too short or too still.
         """
         under = power_under(self.recordings, model)
-        return self._estimator.material(None if under is None else under.power, least=least)
+        return self._estimator.material(None if under is None else under.power, per, least)
 
     def refits(self, model: PowerModel) -> bool:
         """Return whether a model is refitted on all of the recordings to be judged."""

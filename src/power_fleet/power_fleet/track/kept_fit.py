@@ -21,12 +21,7 @@ from power_fleet.track.recording_fit import Occasion, RecordingFit
 KIND = 'fit'
 CODE = (
     *('power_estimator.effects', 'power_recordings.reading', 'power_recordings.messages'),
-    *(
-        'power_recordings.alignment',
-        'power_recordings.quality',
-        'power_estimator.judge.recordings',
-    ),
-    'power_estimator.judge.read_recordings',
+    *('power_recordings.alignment', 'power_recordings.quality', 'power_estimator.judge'),
     *('power_fleet.track.recording_fit', 'power_fleet.track.kept_fit'),
     'power_fleet.track.reading',
 )

@@ -3,7 +3,7 @@
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,8 @@ from pathlib import Path
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.judge.held_out import power_under
+from power_estimator.judge.estimator import JudgeSettings
+from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_recordings.index.store import (
     DriveFigure,
@@ -41,6 +42,11 @@ class Request:
     slow: bool = False
     anyway: bool = False
     key: str = ''
+    settings: JudgeSettings = field(default_factory=JudgeSettings)
+
+    def judge(self, loaded: Loaded) -> Judge:
+        """Return what fits and judges on recordings."""
+        return Judge(loaded, self.catalogue, self.settings)
 
     def with_effects(self, actives: Sequence[Active]) -> 'Request':
         """Return the same with more effects in the model."""
@@ -145,15 +151,8 @@ def fit_stamped(request: Request, stamp: Stamp) -> Fitted:
     recording = loaded.recordings[0]
     found: RecordingFit | Unfit
     try:
-        under = power_under(loaded, request.model)
-        found = fit_recording(
-            loaded.data,
-            request.model,
-            request.catalogue,
-            occasion_of(loaded),
-            base=None if under is None else under.power,
-            window=loaded.window,
-        )
+        judge = request.judge(loaded)
+        found = fit_recording(judge, request.model, occasion_of(loaded))
         figures = figures_of(found, request.model.name, request.catalogue)
     except InputError as error:
         found, figures = Unfit(f'{path}: {error}'), []

@@ -4,16 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Normal, modelled
 from power_estimator.effects.fit.delay_search import group_limits
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_estimator.effects.training import material
-from power_recordings.alignment.dataset import AlignedDataset
-from wattwalk_core.arrays import Floats, Singles
+from power_estimator.judge.judge import Judge
+from wattwalk_core.arrays import Floats
 
 TIME_OFFSET = 'time_offset'
 _DRAWS = 120  # bootstraps of the blocks
@@ -56,23 +54,15 @@ class RecordingFit:
 
 
 def fit_recording(
-    data: AlignedDataset,
-    model: EffectModel,
-    catalogue: Catalogue,
-    occasion: Occasion,
-    *,
-    base: Singles | None = None,
-    window: float = 0.0,
-    seed: int = 0,
+    judge: Judge, model: EffectModel, occasion: Occasion, *, seed: int = 0
 ) -> RecordingFit:
     """Fit the effects of a model and the errors of measurement to one recording, per drive.
 
-    data: aligned, not smoothed. base: power of the model that the effects stand on, W [T, D].
     InputError for a recording that is too short or too still.
     """
-    own = material(data, per='drive', base=base, catalogue=catalogue, window=window)
+    own = judge.material_under(model, per='drive')
     structure = own.structure(model.structure.actives)
-    terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
+    terms = measurement_terms(judge.catalogue, shaft='shaft' in structure.names)
     fitter = own.fitter(per_drive=True)
     fit = fitter.fit(structure.plus(*terms), iterations=4)
     values, covariance, inverse, gram = _solved(fitter, fit, seed)

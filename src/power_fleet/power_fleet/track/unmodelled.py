@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from power_estimator.effects.fit.design import Active
-from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_lab.diagnose.outcome import Outcome
 from power_lab.discover.discovery import FLOOR, FLOOR_SHARE_OF_RMS
@@ -190,7 +189,7 @@ def _pool(
     found = [paths[name] for name in names]
     try:
         loaded = load(found, [history.joint], slow=request.slow, anyway=request.anyway)
-        lab = Session(Judge(loaded, request.catalogue), request.model, request.spec)
+        lab = Session(request.judge(loaded), request.model, request.spec)
         outcome = lab.diagnose()
     except InputError as error:
         return Pool(tuple(names), 'no_evidence', (), str(error)), None

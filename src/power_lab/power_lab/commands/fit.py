@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     (entry,) = model.history
     rmse = entry['rmse_w']
     balances = power_balances(loaded.data)
-    both = both_sides(lab.judge.prepared, loaded.data.computed_power, options.seed)
+    both = both_sides(lab.judge, options.seed)
     content = {
         'model': str(options.output),
         **entry,

@@ -15,14 +15,15 @@ from typing import Any, Literal
 import numpy as np
 from power_estimator.effects.fit.blocks import Blocks, drawn_blocks
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.judge.judge import Judge
 from wattwalk_core.arrays import Floats
 
 Verdict = Literal['agree', 'torque scale or gear loss', 'torque scale', 'gear loss', 'both']
 
 _DRAWS = 400  # bootstraps: ten lie beyond either bound of 95 %
-_TOGETHER = 5  # blocks of a second drawn together, as in fits
 _ROUNDS, _GROSS = 3, 100.0  # blocks of more than so many times the median error are left out
 _AGREE = 0.05  # torque sensors are good to 4 %
 _DRIVEN = 0.05  # share of rows with power from the joint, and of the largest power, that show it
@@ -121,13 +122,9 @@ class BothSides:
         )
 
 
-def both_sides(
-    prepared: Prepared, computed: frozenset[str] = frozenset(), seed: int = 0
-) -> dict[str, BothSides]:
-    """Analyse the drives that have a torque at the joint beside the current of their motor.
-
-    computed: drives whose power is a firmware's product.
-    """
+def both_sides(judge: Judge, seed: int = 0) -> dict[str, BothSides]:
+    """Analyse the drives that have a torque at the joint beside the current of their motor."""
+    prepared, settings = judge.prepared, judge.settings.fit
     current, signals = prepared.signals.motor_current, prepared.signals
     if current is None or prepared.whole:
         return {}
@@ -135,8 +132,8 @@ def both_sides(
     found = {}
     for drive in np.flatnonzero(known).tolist():
         name = signals.names[drive]
-        found[name] = _Drive(prepared, drive, seed).found()
-        if name in computed:
+        found[name] = _Drive(prepared, settings, drive, seed).found()
+        if name in judge.recordings.data.computed_power:
             remark = 'its power is computed from its current: these are figures of that formula'
             found[name] = replace(found[name], remark=remark)
     return found
@@ -145,7 +142,7 @@ def both_sides(
 class _Drive:
     """Products of one drive at 50 Hz, or at its operating points, and regressions on them."""
 
-    def __init__(self, prepared: Prepared, drive: int, seed: int) -> None:
+    def __init__(self, prepared: Prepared, settings: FitSettings, drive: int, seed: int) -> None:
         signals = prepared.signals
         assert signals.motor_current is not None
         amps, torque, speed = (
@@ -171,11 +168,11 @@ class _Drive:
         }
         self._all = {name: prepared.reduced(values) for name, values in products.items()}
         self._power = np.asarray(prepared.power[:, :, drive], np.float64)
-        blocks = Blocks.of(prepared)
+        blocks = Blocks.of(prepared, settings)
         needed = [own for name, own in self._all.items() if name != 'temperature']
         known = np.isfinite(np.sum(needed, axis=0))[blocks.rows].all(axis=1)
         self._blocks = blocks.rows[blocks.valid[:, drive] & known]
-        together = 1 if blocks.independent else _TOGETHER
+        together = 1 if blocks.independent else settings.drawn_together
         self._drawn = drawn_blocks(len(self._blocks), _DRAWS, together, seed)
 
     def found(self) -> BothSides:

@@ -88,8 +88,8 @@ def comparison(
         )
         for one in judged
     ]
-    both = both_sides(prepared, judge.recordings.data.computed_power)
-    return Comparison(prepared, judged, tuple(map(tuple, regimes)), state, labels, both)
+    worst = tuple(map(tuple, regimes))
+    return Comparison(prepared, judged, worst, state, labels, both_sides(judge))
 
 
 def by_drive(residual: Floats, prepared: Prepared) -> Floats:

@@ -27,8 +27,7 @@ from power_workbench.views.view import PowerView, StateWords
 FOLDER = 'workbench_cache'
 """Beside the index of recordings."""
 _CODE = (
-    *('power_recordings', 'power_estimator.effects', 'power_estimator.judge.recordings'),
-    *('power_estimator.judge.read_recordings', 'power_estimator.judge.left_out'),
+    *('power_recordings', 'power_estimator.effects', 'power_estimator.judge'),
     *('power_lab.compare', 'power_workbench.views.view', 'power_workbench.sessions.described'),
     'power_workbench.sessions.opened_cache',
 )

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
-from power_estimator.effects.training import LEAST_TO_FIT, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.judge.result import over_meters
@@ -99,8 +98,7 @@ class SessionWorker:
 
     @staticmethod
     def _measured(loaded: Loaded) -> PowerView:
-        own = material(loaded.data, least=LEAST_TO_FIT, window=loaded.window)
-        return measured_view(loaded, own.prepared)
+        return measured_view(loaded, Judge(loaded).material().prepared)
 
     def _keep_loaded(self, source: Source, key: str) -> None:
         """Keep the aligned signals, and go on with those of the file, which need less memory."""
