@@ -7,16 +7,15 @@ import argparse
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from unittest.mock import patch
 
 import numpy as np
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_lab.session import Session
 from scipy.ndimage import gaussian_filter1d
-from truths import FAMILIES, MOTIONS, Case, record
+from truths import FAMILIES, Case, record
 from truths.families import TruePlant
-from truths.motions import RATE, Asked
+from truths.motions import RATE
 from truths.parameters import Drive
 from truths.recorded import Simulated, simulate
 from wattwalk_core.arrays import Floats
@@ -62,22 +61,16 @@ def run(
     The loop of an elastic drive leaves its joint torque short of what is asked by a share of the
     friction. What is asked is therefore corrected until the joint torque is the other run's.
     """
-    motion = MOTIONS[case.motion]
+    made = simulate(case, plant, load)
+    if like is None or not any(drive.stiffness > 0.0 for drive in plant.drives):
+        return made
+    knots = np.arange(int(case.seconds * RATE) + 3) / RATE - 1.0 / RATE
     correction: Floats | float = 0.0
-    elastic = any(drive.stiffness > 0.0 for drive in plant.drives)
-
-    def loaded(ask: Asked) -> tuple[Floats, Floats]:
-        position, torque = motion(ask)
-        return position, torque * load + correction
-
-    with patch.dict(MOTIONS, {case.motion: loaded}):
-        made = simulate(case, plant)
-        for _ in range(_CORRECTIONS if elastic and like is not None else 0):
-            off = load * like.joints[2] - made.joints[2]
-            knots = np.arange(int(case.seconds * RATE) + 3) / RATE - 1.0 / RATE
-            short = np.stack([np.interp(knots, made.joint_time, own) for own in off], axis=1)
-            correction = correction + gaussian_filter1d(short, _SMOOTH * RATE, axis=0)
-            made = simulate(case, plant)
+    for _ in range(_CORRECTIONS):
+        off = load * like.joints[2] - made.joints[2]
+        short = np.stack([np.interp(knots, made.joint_time, own) for own in off], axis=1)
+        correction = correction + gaussian_filter1d(short, _SMOOTH * RATE, axis=0)
+        made = simulate(case, plant, load, correction)
     return made
 
 

@@ -132,12 +132,18 @@ class Simulated:
     state: NDArray[np.void]  # of the drives at the end [D]
 
 
-def simulate(case: Case, plant: TruePlant) -> Simulated:
-    """Run a plant through the motion of a case and read its instruments."""
+def simulate(
+    case: Case, plant: TruePlant, load: float = 1.0, added: Floats | float = 0.0
+) -> Simulated:
+    """Run a plant through the motion of a case and read its instruments.
+
+    load: factor of the torque that the motion asks for; added: N·m to it [K, D].
+    """
     random = np.random.default_rng([case.seed, *case.motion.encode(), 3])
     count, drives = int(case.seconds / (KNOT * STEP)) + 3, table(plant.drives)
     ask = Asked(random, count, drives['speed_limit'], drives['torque_limit'])
     position, torque = MOTIONS[case.motion](ask)
+    torque = torque * load + added
     supply, sampling = plant.supply, plant.sampling
     time = ask.time
     other = supply.electronics + supply.electronics_spread * ask.wander(8.0, 1)[:, 0]
