@@ -21,6 +21,8 @@ segments:
 """
 ATTEMPTS = 5
 LATE = 0.03  # s without a command, after which a motion at its speeds is another one
+MOST_LATE = 1.0  # s of such gaps, by which the limits below are wider
+SWING = 20.0  # rad/s², 5 N·m on the pendulum's 0.26 kg·m²
 PENDULUM = ('-p', 'mass:=1.3', '-p', 'length:=0.45')  # 9.81 · 1.3 · 0.45 = 5.7 N·m
 
 
@@ -60,26 +62,32 @@ def recorded(node_process, tmp_path, attempt):
     return Recording.open(bag)
 
 
+def without_commands(recording):
+    """Seconds of a recording in which the bench went on with an old command."""
+    gaps = np.diff(recording.joint_commands().stamp_ns) / 1e9
+    return gaps[gaps > LATE].sum()
+
+
 @pytest.mark.alone
 def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_path):
-    late = []
     for attempt in range(ATTEMPTS):
         recording = recorded(node_process, tmp_path, attempt)
-        late.append(np.diff(recording.joint_commands().stamp_ns).max() / 1e9)
-        if late[-1] <= LATE:
+        late = without_commands(recording)
+        if not late:
             break
-    else:
-        pytest.skip(f'this machine kept commands from the bench for {late} s')
+    assert late < MOST_LATE, f'commands were kept from the bench in {ATTEMPTS} attempts'
     joints = recording.joint_states()
     drive = joints.names.index('RH_KFE')
     velocity, torque = joints.velocity[:, drive], joints.effort[:, drive]
     step = 1.0 / 400.0  # s
     for speed in (2.0, -2.0):
-        assert 1.2 < step * np.count_nonzero(np.abs(velocity - speed) < 0.25) < 2.5
+        held = step * np.count_nonzero(np.abs(velocity - speed) < 0.25)
+        assert 1.2 - late < held < 2.5 + late
     still = np.abs(velocity) < 0.1
-    assert 4.0 < step * np.count_nonzero(still & (np.abs(torque - 5.0) < 0.5)) < 6.0
+    held = step * np.count_nonzero(still & (np.abs(torque - 5.0) < 0.5))
+    assert 4.0 - late < held < 6.0 + late
     # 2.8 rad/s on an idle machine; up to 3.1 were seen where commands come late on a busy one.
-    assert np.abs(velocity).max() < 3.5
+    assert np.abs(velocity).max() < 3.5 + SWING * late
     assert abs(joints.position[-1, drive]) < 0.1, 'it is led back before the drive is damped'
 
 
