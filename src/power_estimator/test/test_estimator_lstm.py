@@ -6,7 +6,7 @@ import torch
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import Scaling, features
 from power_estimator.network.lstm import LstmBank, Weights
-from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.ppn import PowerPredictionNetwork, WindowedNetwork
 from power_estimator.scores import block_means, r2
 from power_estimator.training.trainer import PowerLstm
 from wattwalk_core.errors import InputError
@@ -70,11 +70,10 @@ def ppn(checkpoint: Checkpoint) -> PowerPredictionNetwork:
 
 def test_the_windowed_and_the_carried_form_agree_in_r2(ppn, drives):
     data = drives(60.0, seed=7, segments=3)
-    windowed = ppn.predict_windowed(data)
     stretches = list(data.segments())
-    carried = block_means(ppn.predict(data), stretches)
+    forms = WindowedNetwork(ppn.checkpoint), ppn
+    windowed, carried = (block_means(form.predict(data), stretches) for form in forms)
     measured = block_means(data.power, stretches)
-    assert windowed.shape == carried.shape
     both = np.isfinite(windowed) & np.isfinite(carried)
     assert both.mean() > 0.95
     scores = [r2(measured[both], form[both]) for form in (windowed, carried)]

@@ -7,7 +7,9 @@ from power_estimator.commands.arguments import sweep as sweep_command
 from power_estimator.commands.arguments import train as train_command
 from power_estimator.drive_types import infer_types
 from power_estimator.evaluation.cost import policy_step_cost, sample_cost
+from power_estimator.judge.recordings import Loaded
 from power_estimator.loader import load_model
+from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
 from power_estimator.training.sweep import Sweep, SweepPoint, points
@@ -84,23 +86,23 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_same_points(
     assert 'was started with training' in capsys.readouterr().err
 
 
-def test_all_points_are_judged_on_the_same_samples(drives, monkeypatch):
+def test_all_points_are_judged_on_the_same_samples_of_their_test_part(drives):
     data = drives(60.0, ('LF_HAA',))
-    given = TrainingSet(data, np.zeros((*data.power.shape, 3), np.float32), ())
+    loaded = Loaded.of(data)
+    known = tuple(TrainingRecording(**one) for one in loaded.identities)
+    given = TrainingSet(data, np.zeros((*data.power.shape, 3), np.float32), known)
     wanted = points([4], [0.05])
-    sweep = Sweep(given, infer_types(data.names), wanted, TrainerConfig(epochs=1))
-    counts = []
-    monkeypatch.setattr(
-        'power_estimator.training.sweep.r2',
-        lambda y, f: counts.append((len(y), np.isfinite(f).sum())) or 0.0,
-    )
+    training = TrainerConfig(epochs=1)
+    sweep = Sweep(given, infer_types(data.names), wanted, training, recordings=loaded)
+    counted = []
     for point in wanted:
         validation = sweep.validation(point)
         (job,) = validation.jobs
-        trainers = {job: validation.trainer(job)}
-        sweep._score(point, validation, validation.checkpoint(0, trainers), job)
-    assert len(set(counts)) == 1
-    assert counts[0][0] == counts[0][1]
+        found = sweep.judged(point, validation.checkpoint(0, {job: validation.trainer(job)}))
+        assert found.held_out == 'its test part'
+        counted.append(found.rows)
+    assert all((rows == counted[0]).all() for rows in counted)
+    assert 100 < counted[0].sum() < 0.1 * 50 * 60
 
 
 def test_a_damaged_point_is_refused_by_name(swept, bag, capsys):

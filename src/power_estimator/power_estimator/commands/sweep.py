@@ -13,6 +13,7 @@ from wattwalk_core.engine.options import Workplace
 from power_estimator import recordings
 from power_estimator.commands.options import engine_of
 from power_estimator.drive_types import infer_types, parse_types
+from power_estimator.judge.recordings import load
 from power_estimator.training.progress_bars import TrainingBars
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.sweep import CHOSEN, Result, Sweep, points
@@ -30,8 +31,17 @@ def run(options: argparse.Namespace) -> int:
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     with progress.status('reading and aligning'):
         given = recordings.training_set(options.bags, options.drives)
+        judged_on = load(options.bags, options.drives, anyway=True)
     types = parse_types(options.type) if options.type else infer_types(given.data.names)
-    sweep = Sweep(given, types, wanted, training, folds=options.folds, segments=options.segments)
+    sweep = Sweep(
+        given,
+        types,
+        wanted,
+        training,
+        recordings=judged_on,
+        folds=options.folds,
+        segments=options.segments,
+    )
     networks = [job.name for job in sweep.jobs]
     jobs = [f'{point.name} {name}' for point in wanted for name in networks]
     folder = NetworkRunFolder(options.output)

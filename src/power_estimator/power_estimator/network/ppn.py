@@ -21,8 +21,7 @@ from power_estimator.scores import block_means
 class PowerPredictionNetwork:
     """LSTM from position error, torque and speed to watts (Section II-A), one per drive type.
 
-    `predict` carries the state from sample to sample. `predict_windowed` is the paper's form:
-    0.3 s of history from a state of zero for each estimate.
+    `predict` carries the state from sample to sample.
     """
 
     def __init__(self, checkpoint: Checkpoint, name: str = 'ppn') -> None:
@@ -116,25 +115,25 @@ class PowerPredictionNetwork:
         power[~good | (since < self.checkpoint.config.warm_up)] = np.nan
         return power
 
-    def predict_windowed(self, data: AlignedDataset) -> Singles:
-        """Return estimates [N, D] at 50 Hz, each from its own window of history, state zero.
 
-        One per block of four rows inside each segment, as `block_means` cuts them; NaN where the
-        window reaches over the start of a gap-free stretch.
+class WindowedNetwork(PowerPredictionNetwork):
+    """The paper's form: 0.3 s of history from a state of zero for each estimate."""
+
+    def predict(self, data: AlignedDataset) -> Singles:
+        """Return watts [T, D] at the network's rate, one estimate held over each block of rows.
+
+        NaN where the window reaches over the start of a gap-free stretch.
         """
-        config = self.checkpoint.config
-        x = features(data)
-        types = assign(data.names, self.types)
-        parts = []
+        block, x = self.checkpoint.config.block, features(data)
+        result = np.full(x.shape[:2], np.nan, np.float32)
         for run in data.segments():
-            count = (run.stop - run.start) // config.block
-            result = np.full((count, len(data.names)), np.nan, np.float32)
-            ends = run.start + (np.arange(count) + 1) * config.block
-            for name, columns in types.items():
+            ends = np.arange(run.start + block, run.stop + 1, block)
+            rows = slice(run.start, run.start + block * len(ends))
+            for name, columns in assign(data.names, self.types).items():
                 for column in columns:
-                    result[:, column] = self._windows(name, x[:, column], ends, run.start)
-            parts.append(result)
-        return np.concatenate(parts) if parts else np.empty((0, len(data.names)), np.float32)
+                    power = self._windows(name, x[:, column], ends, run.start)
+                    result[rows, column] = np.repeat(power, block)
+        return result
 
     def _windows(self, name: str, x: Singles, ends: NDArray[np.intp], start: int) -> Singles:
         config = self.checkpoint.config

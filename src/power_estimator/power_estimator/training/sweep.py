@@ -8,22 +8,24 @@ from pathlib import Path
 from statistics import fmean, pstdev
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.yaml_file import read_text
 
-from power_estimator.drive_types import DriveType, assign
+from power_estimator.drive_types import DriveType
 from power_estimator.evaluation.cost import sample_cost
+from power_estimator.judge.estimator import JudgeSettings
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import JudgedModel
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
-from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.ppn import PowerPredictionNetwork, WindowedNetwork
 from power_estimator.recordings import TrainingSet
-from power_estimator.scores import block_means, r2
 from power_estimator.training.cross_validation import CrossValidation, Job
 from power_estimator.training.on_workers import CODE, NetworkTask, train_network
-from power_estimator.training.protocol import Part, Protocol, rows_of
+from power_estimator.training.protocol import Protocol
 from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
@@ -123,16 +125,20 @@ class Sweep:
         wanted: Sequence[SweepPoint],
         training: TrainerConfig,
         *,
+        recordings: Loaded,
         folds: int = 1,
         segments: int = 6,
     ) -> None:
+        """recordings: those of the training set, as they are judged on."""
         self._given = given
         self._types = tuple(types)
         self._wanted = tuple(wanted)
         self._training = training
         longest = max(point.network().history for point in wanted)
         self._protocol = Protocol(segments, folds, longest)
-        self._skipped = -(-longest // CHOSEN.block)
+        settings = JudgeSettings()
+        settling = max(settings.settling, longest / CHOSEN.rate)
+        self._judge = Judge(recordings, settings=replace(settings, settling=settling))
 
     def run(
         self,
@@ -214,10 +220,8 @@ class Sweep:
         scores: dict[str, list[float]] = {}
         for fold in range(self._protocol.folds):
             checkpoint = validation.checkpoint(fold, trainers)
-            for job in validation.jobs:
-                if job.fold == fold:
-                    score = self._score(point, validation, checkpoint, job)
-                    scores.setdefault(job.type.name, []).append(score)
+            for kind, score in self.judged(point, checkpoint).types.items():
+                scores.setdefault(kind, []).append(score.r2)
         return Result(
             point,
             {kind: (fmean(found), pstdev(found)) for kind, found in scores.items()},
@@ -225,20 +229,8 @@ class Sweep:
             fmean(len(trainer.history) for trainer in trainers.values()),
         )
 
-    def _score(
-        self, point: SweepPoint, validation: CrossValidation, checkpoint: Checkpoint, job: Job
-    ) -> float:
-        ppn = PowerPredictionNetwork(checkpoint)
-        data = validation.data
-        names = [data.names[c] for c in assign(data.names, [job.type])[job.type.name]]
-        test = rows_of(data.drives(names), validation.labels(job), Part.TEST)
-        stretches = list(test.segments())
-        measured = block_means(test.power, stretches, CHOSEN.block)
-        if point.history is None:
-            estimated = block_means(ppn.predict(test), stretches, CHOSEN.block)
-        else:
-            estimated = ppn.predict_windowed(test)
-        counts = [(s.stop - s.start) // CHOSEN.block for s in stretches]
-        since = np.concatenate([np.arange(n) for n in counts])
-        late = since >= self._skipped
-        return r2(measured[late], estimated[late])
+    def judged(self, point: SweepPoint, checkpoint: Checkpoint) -> JudgedModel:
+        """Judge the networks of a point and a fold on their test part."""
+        form = PowerPredictionNetwork if point.history is None else WindowedNetwork
+        (found,) = self._judge.compare([form(checkpoint)], types=self._types)
+        return found
