@@ -83,7 +83,8 @@ def walked(bag, browser, tmp_path_factory):
         page = page_of(browser, bench.address, complaints)
         page.locator('#plot-traces .main-svg').first.wait_for()
         page.get_by_role('button', name='Fit', exact=True).wait_for()
-        page.locator('#plot-flow .main-svg').first.wait_for()
+        for name in ('flow', 'efficiency', 'gait'):
+            page.locator(f'#plot-{name} .main-svg').first.wait_for()
         budget = page.locator('#headline').inner_text()
         for effect in EFFECTS[3:]:
             page.locator('label.choice', has_text=effect).first.click()

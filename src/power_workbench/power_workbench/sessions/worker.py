@@ -13,6 +13,8 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.judge.result import over_meters
 from power_estimator.loader import load_model
+from power_lab.budget.efficiency_map import efficiency_maps
+from power_lab.budget.gait_cycle import GaitCyclePower
 from power_lab.budget.tables import headline
 from power_lab.challenge.bench_recording import record_on_bench, shortened
 from power_lab.compare.comparison import compare
@@ -164,8 +166,16 @@ class SessionWorker:
         except Exception as error:
             traceback.print_exc()
             return {**key, 'content': {'error': f'{type(error).__name__}: {error}'}}
-        more = {'headline': headline(found.account, found.levers), 'origin': found.origin}
-        content = {**found.json(), **more, 'robot': found.account.first, 'refused': found.refused}
+        cycle = GaitCyclePower.of(found.pictured)
+        content = {
+            **found.json(),
+            'headline': headline(found.account, found.levers),
+            'origin': found.origin,
+            'robot': found.account.first,
+            'refused': found.refused,
+            'efficiency': [one.json() for one in efficiency_maps(found)],
+            'gait': None if cycle is None else cycle.json(),
+        }
         return {**key, 'content': content}
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:

@@ -1,6 +1,7 @@
 // Where the power goes: bars by drive, phase or recording, flows, what would change it, hours.
 
 import { attempt, bench, choices, command, download, fill, find, get, h, percent, quantity, watts, whisker } from './dom.js';
+import { motion } from './motion.js';
 import { color, draw, pictures } from './plot.js';
 
 const ALL = 'all';
@@ -18,11 +19,11 @@ function build() {
   parts = {
     origin: h('p', { class: 'faint' }), ways: h('div', { class: 'row' }), bars: h('div', { class: 'plot', id: 'plot-budget' }),
     flow: h('div', { class: 'plot', id: 'plot-flow' }), levers: h('div'), table: h('div'), more: h('div', { class: 'row' }),
-    hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }), apart: h('div'),
+    hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }), apart: h('div'), motion: h('div', { class: 'pair' }),
   };
   parts.battery = h('input', { type: 'number', min: 0, step: 'any', 'aria-label': 'Battery in Wh', oninput: hours });
   fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars), parts.flow),
-    h('div', { class: 'pair' }, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table)), parts.apart, parts.more);
+    h('div', { class: 'pair' }, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table)), parts.motion, parts.apart, parts.more);
 }
 
 export async function update() {
@@ -43,6 +44,7 @@ export async function update() {
   found = news;
   if (!parts) build();
   render();
+  motion(parts.motion, found, bench.known.families);
 }
 
 /** Rows of the shown member by what the bars stand for: their name and parts. */

@@ -1,0 +1,57 @@
+// Power over the motion: efficiency over torque and speed, and a leg's power over the gait cycle.
+
+import { choices, fill, h, percent, watts } from './dom.js';
+import { color, draw, pictures } from './plot.js';
+
+let type = '';
+
+/** Pictures of a budget { efficiency, gait } in a node; nothing where there are none. */
+export function motion(node, { efficiency, gait }, families) {
+  const map = efficiency.length ? h('div', { class: 'plot map', id: 'plot-efficiency' }) : null;
+  const cycle = gait ? h('div', { class: 'plot map', id: 'plot-gait' }) : null;
+  const ways = h('div', { class: 'row' });
+  const legend = h('ul', { class: 'legend' });
+  fill(node,
+    map ? h('div', {}, h('h3', {}, 'Efficiency over torque and speed'), ways, map, h('p', { class: 'faint' }, 'By the model in steady motion; dots are states of the recording, driving above 0 and braking below.'), h('div', { class: 'row' }, pictures(map, 'efficiency', 'Efficiency'))) : null,
+    cycle ? h('div', {}, h('h3', {}, 'Power of one leg over the gait cycle'), legend, cycle, h('p', { class: 'faint' }, 'From touch-down to touch-down, mean over legs and strides.'), h('div', { class: 'row' }, pictures(cycle, 'gait', 'Gait cycle'))) : null);
+  if (map) {
+    if (!efficiency.some((one) => one.name === type)) type = efficiency[0].name;
+    const show = () => {
+      if (efficiency.length > 1) fill(ways, choices('Drives', 'efficiency-of', efficiency.map((one) => ({ value: one.name, label: one.name })), type, (name) => { type = name; show(); }));
+      efficient(map, efficiency.find((one) => one.name === type));
+    };
+    show();
+  }
+  if (cycle) stride(cycle, legend, gait, families);
+}
+
+function efficient(node, one) {
+  const best = Math.max(...one.percent.flat());
+  draw(node, `Efficiency of ${one.name} over torque and speed, at most ${percent(best / 100)}.`, () => [[
+    { type: 'heatmap', x: one.speed, y: one.torque, z: one.percent, zmin: 0, zmax: 100, colorscale: 'Cividis', colorbar: { title: { text: '%' }, thickness: 12 }, hovertemplate: '%{x:.2f} rad/s, %{y:.1f} N·m: %{z:.0f} %<extra></extra>' },
+    { type: 'scatter', mode: 'markers', x: one.states.map((at) => at[0]), y: one.states.map((at) => at[1]), marker: { size: 3, color: '#fff', opacity: 0.45 }, hoverinfo: 'skip' },
+  ], {
+    margin: { l: 58, r: 12, t: 10, b: 42 },
+    xaxis: { title: { text: 'speed in rad/s' }, range: [one.speed[0], one.speed.at(-1)], fixedrange: true },
+    yaxis: { title: { text: 'torque along the motion in N·m' }, range: [one.torque[0], one.torque.at(-1)], fixedrange: true, zeroline: true },
+  }]);
+}
+
+/** Stacked areas: what a part takes upward, what it gives back downward. */
+function stride(node, legend, gait, families) {
+  const shown = families.filter((one) => gait.families[one.name]?.some((value) => Math.abs(value) > 0.05));
+  const tone = (one) => (one.name === 'unexplained' ? color('faint') : one.color);
+  fill(legend, shown.map((one) => { const key = h('i'); key.style.background = one.name === 'unexplained' ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  const mean = gait.metered.reduce((sum, value) => sum + value, 0) / gait.metered.length;
+  draw(node, `Power of one leg over the gait cycle, ${watts(mean)} in the mean, ${watts(Math.max(...gait.metered))} at most.`, () => [[
+    ...shown.flatMap((one) => [1, -1].map((sign) => ({
+      type: 'scatter', mode: 'none', stackgroup: sign > 0 ? 'up' : 'down', x: gait.percent, y: gait.families[one.name].map((value) => (Math.sign(value) === sign ? value : 0)),
+      fillcolor: tone(one), name: one.words, hoverinfo: 'skip',
+    }))),
+    { type: 'scatter', mode: 'lines', x: gait.percent, y: gait.metered, line: { color: color('text'), width: 2 }, name: 'metered', hovertemplate: '%{x:.0f} %: %{y:.3~g} W<extra>metered</extra>' },
+  ], {
+    xaxis: { title: { text: 'gait cycle in %' }, range: [0, 100], fixedrange: true }, yaxis: { title: { text: 'power of one leg in W' }, fixedrange: true, zeroline: true },
+    shapes: [{ type: 'line', x0: gait.stance, x1: gait.stance, y0: 0, y1: 1, yref: 'paper', line: { color: color('faint'), dash: 'dot', width: 1 } }],
+    annotations: [{ x: gait.stance, y: 1, yref: 'paper', xanchor: 'left', yanchor: 'top', showarrow: false, text: ' foot lifts', font: { size: 12, color: color('faint') } }],
+  }]);
+}
