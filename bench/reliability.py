@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 from drive_logs import log_questions
 from judgements import plugged_in
+from lab_scenarios import blind_questions
 from power_recordings.alignment.dataset import AlignedDataset
 from reliability_figures import tables
 from reliability_questions import (
     Question,
-    blind_questions,
     plant_questions,
     robot_questions,
 )
