@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 import runtimes
 from power_recordings.reading.reader import Recording
-from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 from wattwalk_core.arrays import Floats
+from wattwalk_core.console import output, print_table
 from wattwalk_core.processes import ChildProcess, find_program
 
 Runtime = Callable[..., list[str]]
@@ -116,10 +115,9 @@ def main() -> int:
     how = ['--random-commands'] if options.policy == 'trot' else ['--velocity=0.5,0,0']
     policy = ['--policy', options.policy, *how]
     found = [walk(ros2, options.seconds, policy, options.model) for ros2 in ways.values()]
-    table = Table('', *ways, title='acquisition, live', title_justify='left')
-    for name in dict.fromkeys(name for figures in found for name in figures):
-        table.add_row(name, *(figures.get(name, '') for figures in found))
-    Console().print(table)
+    names = dict.fromkeys(name for figures in found for name in figures)
+    rows = [(name, *(figures.get(name, '') for figures in found)) for name in names]
+    print_table(output(), ('', *ways), rows, 'acquisition, live')
     return 0
 
 

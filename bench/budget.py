@@ -9,6 +9,8 @@ budget chooses by itself.
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,16 @@ from wattwalk_core.arrays import Bools, Floats
 
 _FIRST = 9  # parts at the shaft, which the torque of a motor has in it
 _WITHIN = {'copper_loss': ('winding_heating', 'saturation')}  # where the model has no such part
+
+
+def cases(count: int, held_out: bool, seconds: float, first: int) -> Iterator[Case]:
+    """Yield recordings of three drives, so many of each family and motion; first: seed."""
+    for name, family in FAMILIES.items():
+        if family.developed is not held_out:
+            for motion, seed in product(family.motions, range(count)):
+                yield Case(name, motion, seconds, 3, first + seed)
+
+
 Row = tuple[str, str, float, float, float, float]  # part, phase, truth, estimate, interval
 
 
@@ -92,22 +104,18 @@ def main() -> None:
         'known': defaultdict(list),
         'chosen': defaultdict(list),
     }
-    for name, family in FAMILIES.items():
-        if family.developed is options.held_out:
-            continue
-        for motion in family.motions:
-            for seed in range(options.count):
-                found = record(Case(name, motion, options.seconds, 3, 9000 + seed))
-                judge = Judge(Loaded.of(found.data))
-                for how in results:
-                    try:
-                        effects = found.known if how == 'known' else chosen_effects(judge)
-                        model = Session(judge).fit(list(effects)).effects
-                        results[how][f'{name} {motion}'] += rows_of(found, Accounts(judge, model))
-                    except Exception as error:
-                        print(name, motion, seed, how, type(error).__name__, error)
-    for how, cases in results.items():
-        _print(how, cases)
+    for case in cases(options.count, options.held_out, options.seconds, 9000):
+        found = record(case)
+        judge = Judge(Loaded.of(found.data))
+        for how, rows in results.items():
+            try:
+                effects = found.known if how == 'known' else chosen_effects(judge)
+                model = Session(judge).fit(list(effects)).effects
+                rows[f'{case.family} {case.motion}'] += rows_of(found, Accounts(judge, model))
+            except Exception as error:
+                print(case.key, how, type(error).__name__, error)
+    for how, found_rows in results.items():
+        _print(how, found_rows)
     if options.json:
         options.json.write_text(json.dumps(results))
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from budget import cases
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_lab.session import Session
@@ -96,34 +97,31 @@ def main() -> None:
     parser.add_argument('--families', nargs='+', choices=sorted(FAMILIES))
     parser.add_argument('--held-out', action='store_true', help='families held out alone')
     options = parser.parse_args()
-    found: dict[str, list[tuple[bool, float, float]]] = defaultdict(list)
-    for name, family in FAMILIES.items():
-        if name not in (options.families or FAMILIES) or family.developed is options.held_out:
+    found: dict[str, list[bool]] = defaultdict(list)
+    for case in cases(options.count, options.held_out, 60.0, 9100):
+        if case.family not in (options.families or FAMILIES):
             continue
-        for motion in family.motions:
-            for seed in range(options.count):
-                case = Case(name, motion, 60.0, 3, 9100 + seed)
-                made = record(case)
-                lab = Session(Judge(Loaded.of(made.data))).fit(list(made.known))
-                before = run(case, made.plant)
-                for lever, (factor, _) in CHANGES.items():
-                    try:
-                        (told,) = lab.budget({lever: factor}).levers
-                    except InputError:
-                        continue
-                    load = factor if lever == 'payload' else 1.0
-                    after = run(case, changed(made.plant, lever), load, before)
-                    truth = mean_w(after) - mean_w(before)
-                    low, high = told.interval
-                    within = low - 0.01 <= truth <= high + 0.01
-                    found[lever].append((within, truth, told.mean_w))
-                    print(
-                        f'{name:9s} {motion:7s} {lever:19s} truth {truth:+8.3f} W, '
-                        f'found {told.mean_w:+8.3f} ({low:+.3f} … {high:+.3f}) '
-                        f'{"" if within else "outside"}'
-                    )
-    for lever, rows in found.items():
-        print(f'{lever:20s} {sum(within for within, *_ in rows)} of {len(rows)} within')
+        made = record(case)
+        lab = Session(Judge(Loaded.of(made.data))).fit(list(made.known))
+        before = run(case, made.plant)
+        for lever, (factor, _) in CHANGES.items():
+            try:
+                (told,) = lab.budget({lever: factor}).levers
+            except InputError:
+                continue
+            load = factor if lever == 'payload' else 1.0
+            after = run(case, changed(made.plant, lever), load, before)
+            truth = mean_w(after) - mean_w(before)
+            low, high = told.interval
+            within = low - 0.01 <= truth <= high + 0.01
+            found[lever].append(within)
+            print(
+                f'{case.family:9s} {case.motion:7s} {lever:19s} truth {truth:+8.3f} W, '
+                f'found {told.mean_w:+8.3f} ({low:+.3f} … {high:+.3f}) '
+                f'{"" if within else "outside"}'
+            )
+    for lever, held in found.items():
+        print(f'{lever:20s} {sum(held)} of {len(held)} within')
 
 
 if __name__ == '__main__':

@@ -21,9 +21,7 @@ from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_calibration.analyser.reference_fit import IntervalEstimate
 from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from sim_bridge.instruments.analyser import Analyser, AnalyserParameters
 from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun
@@ -33,6 +31,7 @@ from sim_bridge.plant.simulation import STEP, PlantBlock
 from sim_bridge.plant.world import stand_world
 from sim_bridge.sensors.meter import DeviceClock, Meter
 from wattwalk_core.arrays import Floats
+from wattwalk_core.console import output, print_table
 
 DRIVE = 'LF_KFE'
 
@@ -83,23 +82,17 @@ def bandwidth(meter: MeterParameters) -> float:
     return float(frequency[np.argmax(answer < np.sqrt(0.5))])
 
 
-def trial(
-    blocks: Sequence[PlantBlock], seed: int, rate: float = 20_000.0
-) -> tuple[AnalyserComparison, CalibrationTruth]:
+def trial(blocks: Sequence[PlantBlock], seed: int) -> tuple[AnalyserComparison, CalibrationTruth]:
     """One meter against one analyser."""
     random = np.random.default_rng([seed, 7])
     plant = Plant.load('anymal_c').unit(seed + 1)
-    drift, shift, ours = (
-        random.uniform(-80, 80),
-        random.uniform(-9000, 9000),
-        random.uniform(5, 30),
-    )
+    drift, shift, ours = (random.uniform(*ends) for ends in ((-80, 80), (-9000, 9000), (5, 30)))
     plant = replace(plant, meter=replace(plant.meter, clock_drift=float(ours)))
     parameters = plant.resolve([DRIVE])
     clock = DeviceClock.of(plant.meter)
     recording = _recording(plant, parameters, clock, blocks, random)
     analyser = Analyser(
-        AnalyserParameters(rate=rate, clock_offset=float(shift), clock_drift=float(drift)),
+        AnalyserParameters(rate=20_000.0, clock_offset=float(shift), clock_drift=float(drift)),
         clock,
         seed=seed,
     )
@@ -182,23 +175,18 @@ def main() -> None:
         errors.append((found.before, found.after))
         for name, row in estimates(found, truth).items():
             rows.setdefault(name, []).append(row)
-    title = f'{options.motion}, {options.seconds:g} s, {options.seeds} meters'
-    table = Table(title=title)
-    for name in ('', 'truth within', 'RMS error', 'half interval', 'unit'):
-        table.add_column(name, justify='left' if not name else 'right')
+    cells = []
     for name, found_rows in rows.items():
         held = sum(value.low <= true <= value.high for value, true, _, _ in found_rows)
         scale, unit = found_rows[0][2], found_rows[0][3]
         off = scale * np.array([value.value - true for value, true, _, _ in found_rows])
         half = scale * np.array([0.5 * (value.high - value.low) for value, *_ in found_rows])
-        table.add_row(
-            name,
-            f'{held} of {len(found_rows)}',
-            f'{np.sqrt(np.mean(off**2)):.3g} (mean {off.mean():+.2g})',
-            f'{np.median(half):.3g}',
-            unit,
-        )
-    Console(width=100).print(table)
+        spread = f'{np.sqrt(np.mean(off**2)):.3g} (mean {off.mean():+.2g})'
+        share = f'{held} of {len(found_rows)}'
+        cells.append((name, share, spread, f'{np.median(half):.3g}', unit))
+    title = f'{options.motion}, {options.seconds:g} s, {options.seeds} meters'
+    columns = ('', 'truth within', 'RMS error', 'half interval', 'unit')
+    print_table(output(), columns, cells, title)
     before, after = np.mean(errors, axis=0)
     print(f'error of power at 400 Hz: {before:.3f} W before, {after:.3f} W after (RMS)')
 

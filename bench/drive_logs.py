@@ -16,7 +16,7 @@ import numpy as np
 from power_recordings.alignment.align import RATES, load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.importing.convert import import_logs
-from power_recordings.importing.map_file import load_map
+from power_recordings.importing.map_file import ImportMap, load_map
 from power_recordings.importing.sources import open_source
 from power_recordings.reading.reader import Recording
 from reliability_questions import Sealed
@@ -92,21 +92,36 @@ DRIVE_LOGS: Mapping[str, DriveLog] = {
 }
 
 
+def log_files(pattern: str) -> list[Path]:
+    """Return the files below LOGS; InputError where there is none."""
+    files = sorted(LOGS.glob(pattern))
+    if not files:
+        raise InputError(f'{LOGS / pattern} is absent; WATTWALK_REAL_DATA says where logs lie')
+    return files
+
+
+def log_map(name: str) -> ImportMap:
+    """Load a ready map by its name, or a file of log_maps."""
+    return load_map(str(HERE / 'log_maps' / name) if Path(name).suffix else name)
+
+
+def imported(pattern: str, mapping: str, folder: Path) -> list[Path]:
+    """Import logs into a folder, a recording from each; InputError where they are absent."""
+    files, given = log_files(pattern), log_map(mapping)
+    own = folder / Path(mapping).stem
+    own.mkdir()
+    for file in files:
+        import_logs([open_source(file, None)], given, f'map {mapping}', own / file.stem)
+    return [own / file.stem for file in files]
+
+
 @cache
 def read_log(name: str) -> AlignedDataset:
     """Import and align a log; InputError where it is absent or cannot be read."""
     log = DRIVE_LOGS[name]
-    files = sorted(LOGS.glob(log.files))
-    if not files:
-        raise InputError(f'{LOGS / log.files} is absent; WATTWALK_REAL_DATA says where logs lie')
-    path = HERE / 'log_maps' / log.map
-    mapping = load_map(str(path) if path.suffix else log.map)
     with tempfile.TemporaryDirectory(prefix='wattwalk') as folder:
-        recordings = []
-        for file in files:
-            out = Path(folder) / file.stem
-            import_logs([open_source(file, None)], mapping, f'map {log.map}', out)
-            recordings.append(Recording.open(out))
+        bags = imported(log.files, log.map, Path(folder))
+        recordings = [Recording.open(bag) for bag in bags]
         periods = [np.median(np.diff(one.joint_states().stamp_ns)) / 1e9 for one in recordings]
         rate = min((r for r in RATES if r * min(periods) >= _OVERSAMPLED), default=max(RATES))
         return load_aligned(recordings, rate=rate, smooth=False, need_power=False)
@@ -189,9 +204,9 @@ def added_power(name: str, data: AlignedDataset, size: float) -> Floats:
         share = 1.0 if name == 'blocked' else 0.5
         return share * np.maximum(-data.power.astype(np.float64), 0.0)
     power = _shape(name, data, tau, w)
-    metered = _metered(data)
-    shown = power.sum(axis=1, keepdims=True) if _whole(data) else power
-    return power * (size * _rms(metered) / max(_rms(shown), _LEAST))
+    meters = metered(data)
+    shown = power.sum(axis=1, keepdims=True) if is_whole(data) else power
+    return power * (size * _rms(meters) / max(_rms(shown), _LEAST))
 
 
 def _shape(name: str, data: AlignedDataset, tau: Floats, w: Floats) -> Floats:
@@ -225,7 +240,7 @@ def _unabsorbed(power: Floats, data: AlignedDataset) -> float:
 
     Else what they leave of it.
     """
-    left = [_residual(column, _model(data, place)) for place, column in enumerate(power.T)]
+    left = [residual(column, _model(data, place))[0] for place, column in enumerate(power.T)]
     rest, size = float(np.sqrt(np.mean(np.square(np.concatenate(left))))), _rms(power)
     return size if rest >= 0.5 * size else rest
 
@@ -233,14 +248,14 @@ def _unabsorbed(power: Floats, data: AlignedDataset) -> float:
 def _left_out_watts(effect: str, data: AlignedDataset) -> float:
     """W rms by which a left-out effect's own column makes the error of the others smaller."""
     gains = []
-    for place, metered in enumerate(_metered(data).T):
-        places = range(len(data.names)) if _whole(data) else (place,)
+    for place, power in enumerate(metered(data).T):
+        places = range(len(data.names)) if is_whole(data) else (place,)
         model = np.hstack([_model(data, one) for one in places])
         without = np.delete(model, np.s_[1::3], axis=1)
         if effect == 'winding_heating':
             warm = (data.temperature[:, list(places)] - 25.0) * model[:, 1::3]
             model, without = np.hstack([model, warm]), model
-        before, after = _residual(metered, without), _residual(metered, model)
+        before, after = (residual(power, columns)[0] for columns in (without, model))
         gains.append(np.mean(np.square(before)) - np.mean(np.square(after)))
     return float(np.sqrt(max(np.mean(gains), 0.0)))
 
@@ -250,19 +265,21 @@ def _model(data: AlignedDataset, place: int) -> Floats:
     return np.stack([tau * w, tau**2, np.ones_like(tau)], axis=1)
 
 
-def _residual(values: Floats, model: Floats) -> Floats:
+def residual(values: Floats, model: Floats) -> tuple[Floats, Floats]:
+    """Return what the columns of a model leave of the finite values, and their coefficients."""
     known = np.isfinite(values) & np.isfinite(model).all(axis=1)
     solved = np.linalg.lstsq(model[known], values[known], rcond=None)[0]
-    rest: Floats = values[known] - model[known] @ solved
-    return rest
+    return values[known] - model[known] @ solved, solved
 
 
-def _whole(data: AlignedDataset) -> bool:
+def is_whole(data: AlignedDataset) -> bool:
+    """Return whether the whole robot is metered, not its drives."""
     return not data.measured_drives()
 
 
-def _metered(data: AlignedDataset) -> Floats:
-    return (data.supply[:, None] if _whole(data) else data.power).astype(np.float64)
+def metered(data: AlignedDataset) -> Floats:
+    """Return the power of the meters, W [T, M]."""
+    return (data.supply[:, None] if is_whole(data) else data.power).astype(np.float64)
 
 
 def _rms(power: Floats) -> float:
@@ -272,7 +289,7 @@ def _rms(power: Floats) -> float:
 
 def with_power(data: AlignedDataset, more: Floats) -> AlignedDataset:
     """Add power to what was metered, of each drive or of the whole robot."""
-    if _whole(data):
+    if is_whole(data):
         return replace(data, supply=(data.supply + more.sum(axis=1)).astype(np.float32))
     power = (data.power + more).astype(np.float32)
     current = (data.current + more / data.voltage).astype(np.float32)
@@ -302,12 +319,12 @@ def _fitting(log: DriveLog, data: AlignedDataset) -> list[tuple[str, float]]:
             continue
         if name == 'load_friction' and data.motor_torque:
             continue
-        if name in ('line', 'blocked', 'half_blocked') and _whole(data):
+        if name in ('line', 'blocked', 'half_blocked') and is_whole(data):
             continue
         whole = name in ('blocked', 'half_blocked')
         power = added_power(name, data, 0.05)
-        if not np.isfinite(power).any() or _rms(power) < 0.005 * _rms(_metered(data)):
+        if not np.isfinite(power).any() or _rms(power) < 0.005 * _rms(metered(data)):
             continue
-        sizes = (_rms(power) / _rms(_metered(data)),) if whole else SIZES
+        sizes = (_rms(power) / _rms(metered(data)),) if whole else SIZES
         out += [(name, size) for size in sizes]
     return out

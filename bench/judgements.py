@@ -4,9 +4,8 @@ A judge is a function (AlignedDataset, effects of the base model) -> Judgement; 
 any by `--judge module:function`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 
 import numpy as np
 from power_estimator.effects import builtin_catalogue
@@ -46,18 +45,6 @@ class Judgement:
     statements: tuple[Statement, ...] = ()
     intervals: tuple[Interval, ...] = ()
     words: str = ''  # verdict, for the reader
-
-
-Judge = Callable[[AlignedDataset, Sequence[str]], Judgement]
-
-
-def plugged_in(name: str) -> Judge:
-    """Return the judge `module:function`; ValueError for a name without a colon."""
-    module, colon, function = name.partition(':')
-    if not colon:
-        raise ValueError(f'--judge {name!r}: give module:function')
-    judge: Judge = getattr(import_module(module), function)
-    return judge
 
 
 COEFFICIENTS = {

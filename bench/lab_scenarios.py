@@ -1,18 +1,21 @@
-"""Scenarios of the lab's blind benchmark: hidden effects and the simulated hardware."""
+"""Blind questions of the benchmark of reliability: hidden effects and the simulated hardware."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
+import numpy as np
 from drive_bench.motion.segment_path import JUMPS
+from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
+from reliability_questions import NAMED_FROM, Sealed
 from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun, simulate_recording, walking_run
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.world import Stand, stand_world
-from truth_circuit import CONSTANT, UNMODELLED, Faults, Truth, record
+from truth_circuit import CONSTANT, NAMES, UNMODELLED, Faults, Truth, record
 
 BASES: Mapping[str, tuple[str, ...]] = {
     'lean': ('copper_loss', 'idle'),
@@ -57,15 +60,13 @@ FAULTS: Mapping[str, dict[str, float]] = {
     'drifting offset': {'offset_drift': 0.006},
     'bent torque sensor': {'torque_bend': 0.015},
 }
-STRENGTHS = (0.5, 1.0, 2.0)
-LEG = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One recording to be judged."""
+    """A question of the blind benchmark: an effect, a pair, a fault or nothing in 150 s."""
 
-    group: str  # effect, null, pair, unmodelled, fault, beside
+    group: str  # effect, null, pair, unmodelled, constant, fault, beside
     source: str  # circuit or sim
     motion: str  # walk, ladder or bench
     base: str
@@ -76,120 +77,113 @@ class Scenario:
 
     @property
     def key(self) -> str:
-        """Key of the scenario in a file of results."""
+        """Key in a file of results."""
         hidden = '+'.join(f'{name}:{strength:g}' for name, strength in self.hidden.items())
-        parts = (self.group, self.source, self.motion, self.base, hidden, self.fault)
+        parts = ('blind', self.group, self.source, self.motion, self.base, hidden, self.fault)
         return '|'.join((*parts, str(self.seed), f'{self.seconds:g}'))
 
     @property
-    def known(self) -> tuple[str, ...]:
-        """Effects of the model that is judged."""
-        return ('shaft', *(name for name in BASES[self.base] if name not in self.hidden))
+    def about(self) -> Mapping[str, object]:
+        """Family, motion, length and so on."""
+        return {
+            'family': f'blind, {self.group}',
+            'developed': True,
+            'motion': self.motion,
+            'seconds': self.seconds,
+            'drives': len(NAMES),
+            'hidden': [*self.hidden, *([self.fault] if self.fault else [])],
+        }
 
     @property
-    def truth(self) -> frozenset[str]:
-        """Effects that a perfect diagnosis names."""
-        return frozenset(name for name in self.hidden if name not in (*UNMODELLED, *CONSTANT))
+    def _known(self) -> tuple[str, ...]:
+        return ('shaft', *(name for name in BASES[self.base] if name not in self.hidden))
 
-    def record(self, *, without: Collection[str] = ()) -> AlignedDataset:
-        """Simulate; without: these are not hidden."""
-        effects: dict[str, float] = dict.fromkeys(self.known[1:], 1.0)
-        effects.update(self.hidden)
-        effects.update(dict.fromkeys(without, 0.0))
+    def seal(self) -> Sealed:
+        """Simulate the scenario."""
+        data = self._record()
+        missing = frozenset(name for name in self.hidden if name not in (*UNMODELLED, *CONSTANT))
+        fault = FAULTS.get(self.fault, {})
+        wrong = {'power_gain'} if abs(fault.get('gain', 0.0)) >= NAMED_FROM else set()
+        watts = self._watts(data, missing)
+        return Sealed(data, self._known, missing | wrong, watts=watts)
+
+    def _watts(self, data: AlignedDataset, missing: Collection[str]) -> Mapping[str, float]:
+        """W rms by which hidden effects change the power; a robot moves otherwise without them."""
+        if self.source != 'circuit':
+            return {}
+        power = prepare(data).power_at(0.0)
+        without = {name: prepare(self._record(name)).power_at(0.0) for name in missing}
+        return {n: float(np.sqrt(np.nanmean(np.square(power - p)))) for n, p in without.items()}
+
+    def _record(self, without: str = '') -> AlignedDataset:
+        effects = {**dict.fromkeys(self._known[1:], 1.0), **self.hidden}
+        if without:
+            effects[without] = 0.0
         if self.source == 'circuit':
             faults = Faults(**FAULTS[self.fault]) if self.fault else Faults()
             motion = 'walk' if self.motion == 'walk' else 'ladder'
             truth = Truth(effects, motion, self.seconds, self.seed, self.seed + 50, faults)
             return record(truth)
-        return _simulated(self, effects, self.seed)
+        base = Plant.load('anymal_c').unit(self.seed + 1)
+        changes: dict[str, Any] = {name: False for name, _ in base.effects}
+        changes.update({name: value if value else False for name, value in effects.items()})
+        plant = base.with_effects(**changes)
+        if self.motion == 'walk':
+            run = walking_run(plant, duration=self.seconds, seed=self.seed, drives=NAMES)
+            return align(simulate_recording(run), rate=400.0, smooth=False, drives=NAMES)
+        world = stand_world(NAMES[self.seed % 3], Stand(0.05, 5.0, 0.45))
+        ladder = bench_motion('ladder', 'velocity', amplitude=5.0, seconds=self.seconds)
+        motion = MotionController(replace(ladder, segments=ladder.segments[1:]), ramps=JUMPS)
+        offline = OfflineRun(plant, world, motion, duration=self.seconds, seed=self.seed)
+        return align(simulate_recording(offline), rate=400.0, smooth=False)
 
 
-def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> AlignedDataset:
-    base = Plant.load('anymal_c').unit(scenario.seed + 1)
-    changes: dict[str, Any] = {name: False for name, _ in base.effects}
-    changes.update({name: value if value else False for name, value in effects.items()})
-    plant = base.with_effects(**changes)
-    if scenario.motion == 'walk':
-        run = walking_run(plant, duration=scenario.seconds, seed=seed, drives=LEG)
-        return align(simulate_recording(run), rate=400.0, smooth=False, drives=LEG)
-    drive = LEG[scenario.seed % 3]
-    world = stand_world(drive, Stand(0.05, 5.0, 0.45))
-    ladder = bench_motion('ladder', 'velocity', amplitude=5.0, seconds=scenario.seconds)
-    motion = MotionController(replace(ladder, segments=ladder.segments[1:]), ramps=JUMPS)
-    offline = OfflineRun(plant, world, motion, duration=scenario.seconds, seed=seed)
-    return align(simulate_recording(offline), rate=400.0, smooth=False)
+def blind_questions(seed: int = 0) -> list[Scenario]:
+    """All questions of the blind benchmark, on the circuit and on the simulated robot."""
+    return [*_circuit(seed), *_sim(seed)]
 
 
-def scenarios(seeds: Sequence[int], *, sources: Sequence[str], quick: bool) -> list[Scenario]:
-    """All of them; quick: one strength and one base each."""
-    out: list[Scenario] = []
-    strengths = (1.0,) if quick else STRENGTHS
-    for seed in seeds:
-        if 'circuit' in sources:
-            out += _circuit(seed, strengths, quick)
-        if 'sim' in sources:
-            out += _sim(seed, quick)
-    return out
+def _circuit(seed: int) -> list[Scenario]:
+    def asked(group: str, motion: str, base: str, *hidden: str, fault: str = '') -> Scenario:
+        strengths = dict.fromkeys(hidden, 1.0)
+        return Scenario(group, 'circuit', motion, base, strengths, fault, seed)
 
-
-def _circuit(seed: int, strengths: Sequence[float], quick: bool) -> list[Scenario]:
     bases = ('mid', 'lean', 'rich')
     out = []
     for motion in ('walk', 'ladder'):
-        out += [Scenario('null', 'circuit', motion, name, seed=seed) for name in bases]
+        out += [asked('null', motion, base) for base in bases]
         out += [
-            Scenario(
-                'effect', 'circuit', motion, bases[(seed + index) % 3], {name: strength}, seed=seed
-            )
+            asked('effect', motion, bases[(seed + index) % 3], name)
             for index, name in enumerate(CIRCUIT_EFFECTS)
-            for strength in strengths
         ]
         out += [
-            Scenario(
-                'pair',
-                'circuit',
-                motion,
-                bases[(seed + index) % 2],
-                dict.fromkeys(pair, 1.0),
-                seed=seed,
-            )
+            asked('pair', motion, bases[(seed + index) % 2], *pair)
             for index, pair in enumerate(PAIRS)
         ]
+        out += [asked('unmodelled', motion, 'mid', name) for name in UNMODELLED]
         out += [
-            Scenario('unmodelled', 'circuit', motion, 'mid', {name: strength}, seed=seed)
-            for name in UNMODELLED
-            for strength in ((1.0,) if quick else (0.5, 1.0))
+            asked('constant', motion, base, name) for name in CONSTANT for base in ('mid', 'lean')
         ]
-        out += [
-            Scenario('constant', 'circuit', motion, base, {name: strength}, seed=seed)
-            for name in CONSTANT
-            for base in ('mid', 'lean')
-            for strength in ((1.0,) if quick else STRENGTHS)
-        ]
-        out += [Scenario('fault', 'circuit', motion, 'mid', {}, fault, seed) for fault in FAULTS]
+        out += [asked('fault', motion, 'mid', fault=fault) for fault in FAULTS]
     out += [
-        Scenario('beside', 'circuit', 'walk', 'mid', {missing: 1.0, effect: 1.0}, seed=seed)
+        asked('beside', 'walk', 'mid', missing, effect)
         for missing in UNMODELLED
         for effect in ('load_friction', 'spring')
     ]
     return out
 
 
-def _sim(seed: int, quick: bool) -> list[Scenario]:
-    def walk(group: str, hidden: Mapping[str, float]) -> Scenario:
-        return Scenario(group, 'sim', 'walk', 'core', hidden, seed=seed)
+def _sim(seed: int) -> list[Scenario]:
+    def asked(group: str, motion: str, *hidden: str, strength: float = 1.0) -> Scenario:
+        strengths = dict.fromkeys(hidden, strength)
+        return Scenario(group, 'sim', motion, 'core', strengths, seed=seed)
 
-    out = [Scenario('null', 'sim', motion, 'core', seed=seed) for motion in ('walk', 'bench')]
-    out += [
-        walk('effect', {name: strength})
-        for name in SIM_EFFECTS
-        for strength in ((1.0,) if quick else (1.0, 2.0, 3.0))
-    ]
-    out += [
-        Scenario('effect', 'sim', 'bench', 'core', {name: 2.0}, seed=seed)
-        for name in ('load_friction', 'coulomb_friction', 'iron_loss', 'viscous_friction')
-    ]
-    out += [walk('unmodelled', {name: 1.0}) for name in UNMODELLED]
+    on_bench = ('load_friction', 'coulomb_friction', 'iron_loss', 'viscous_friction')
     pairs = combinations(('load_friction', 'regeneration_efficiency', 'spring'), 2)
-    out += [walk('pair', dict.fromkeys(pair, 2.0)) for pair in pairs]
-    return out
+    return [
+        *(asked('null', motion) for motion in ('walk', 'bench')),
+        *(asked('effect', 'walk', name) for name in SIM_EFFECTS),
+        *(asked('effect', 'bench', name, strength=2.0) for name in on_bench),
+        *(asked('unmodelled', 'walk', name) for name in UNMODELLED),
+        *(asked('pair', 'walk', *pair, strength=2.0) for pair in pairs),
+    ]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drive_logs import HERE, LOGS
+from drive_logs import imported
 from matplotlib.figure import Figure
 from power_estimator.effects.fit.design import Structure
 from power_estimator.scores import score
@@ -23,9 +23,6 @@ from power_lab.compare.both_sides import both_sides
 from power_lab.drives.library import FOLDER
 from power_lab.session import Session
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.importing.convert import import_logs
-from power_recordings.importing.map_file import load_map
-from power_recordings.importing.sources import open_source
 from wattwalk_core.errors import InputError
 from wattwalk_core.figures import OTHERS, save_figure, style
 from wattwalk_core.files import write_whole
@@ -61,20 +58,6 @@ RECIPES: Mapping[str, Recipe] = {
         'thrust_t7056.yaml', 'shaft copper_loss iron_loss idle', how=(('slow', True),)
     ),
 }
-
-
-def imported(logs: str, mapping: str, folder: Path) -> list[Path]:
-    """Import the logs; InputError where they are absent."""
-    files = sorted(LOGS.glob(logs))
-    if not files:
-        raise InputError(f'{LOGS / logs} is absent; WATTWALK_REAL_DATA says where logs lie')
-    path = HERE / 'log_maps' / mapping
-    given, out = load_map(str(path) if path.suffix else mapping), []
-    for file in files:
-        out.append(folder / Path(mapping).stem / file.stem)
-        out[-1].parent.mkdir(exist_ok=True)
-        import_logs([open_source(file, None)], given, f'map {mapping}', out[-1])
-    return out
 
 
 def make(name: str, folder: Path) -> Session:

@@ -16,9 +16,8 @@ from policy_runner.policies.trot import TROTS
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import ExpertPolicy
 from policy_training.evaluation.robustness import RobustnessConfig, rough_world
-from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
+from wattwalk_core.console import output, print_table
 
 
 def falls(
@@ -62,13 +61,9 @@ def main() -> None:
         parser.error(
             f'--rates are {options.rates}; each must lie in 0.8..{CADENCE_ADAPTATION[0]:g} Hz'
         )
-    console = Console()
-    table = Table(title=f'falls of {options.robots} robots in {options.seconds:g} s')
-    table.add_column('strides per s')
     rows: dict[str, list[str]] = {'steady': [], 'adaptive': []}
-    with Progress(console=console, transient=True) as bar:
+    with Progress(transient=True) as bar:
         for rate in options.rates:
-            table.add_column(f'{rate:g}', justify='right')
             for name, adaptation in (('steady', ()), ('adaptive', CADENCE_ADAPTATION)):
                 task = bar.add_task(f'{options.gait} at {rate:g} Hz, {name}', total=1.0)
                 count = falls(
@@ -80,9 +75,9 @@ def main() -> None:
                     progress=lambda share, task=task: bar.update(task, completed=share),
                 )
                 rows[name].append(str(count))
-    for name, counts in rows.items():
-        table.add_row(name, *counts)
-    console.print(table)
+    columns = ('strides per s', *(f'{rate:g}' for rate in options.rates))
+    title = f'falls of {options.robots} robots in {options.seconds:g} s'
+    print_table(output(), columns, [(name, *counts) for name, counts in rows.items()], title)
 
 
 if __name__ == '__main__':

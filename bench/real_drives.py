@@ -14,13 +14,22 @@ import time
 from pathlib import Path
 
 import numpy as np
-from drive_logs import DRIVE_LOGS, HERE, LOGS, DriveLog
+from drive_logs import (
+    DRIVE_LOGS,
+    HERE,
+    DriveLog,
+    imported,
+    is_whole,
+    log_files,
+    log_map,
+    metered,
+    residual,
+)
 from power_lab.session import Session
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.importing.convert import import_logs
 from power_recordings.importing.guess import guess_map
 from power_recordings.importing.listing import list_columns
-from power_recordings.importing.map_file import DriveMap, ImportMap, Signal, load_map, parse_map
+from power_recordings.importing.map_file import DriveMap, ImportMap, Signal, parse_map
 from power_recordings.importing.sources import open_source
 from power_recordings.importing.units import conversion
 from wattwalk_core.arrays import Floats
@@ -82,17 +91,15 @@ def _size(quantity: str, signal: Signal) -> float:
 
 def expert(data: AlignedDataset) -> str:
     """A plain regression of the power, in sample."""
-    whole = not data.measured_drives()
-    meters = data.supply[:, None] if whole else data.power
+    whole = is_whole(data)
     told = []
-    for place, power in enumerate(meters.T.astype(np.float64)):
+    for place, power in enumerate(metered(data).T):
         places = range(len(data.names)) if whole else (place,)
         parts = [_columns(data, one) for one in places]
         table = np.hstack([*parts, np.ones((len(power), 1))])
-        known = np.isfinite(power) & np.isfinite(table).all(axis=1)
-        solved = np.linalg.lstsq(table[known], power[known], rcond=None)[0]
-        left = (power - table @ solved)[known]
-        share = 1.0 - float(left.var() / power[known].var())
+        power = np.where(np.isfinite(table).all(axis=1), power, np.nan)
+        left, solved = residual(power, table)
+        share = 1.0 - float(left.var() / np.nanvar(power))
         told.append(f'{share:.3f}' + ('' if whole else f' (a {solved[0]:.2f})'))
     return ', '.join(told)
 
@@ -104,23 +111,15 @@ def _columns(data: AlignedDataset, place: int) -> Floats:
 
 def row(name: str, log: DriveLog) -> str:
     """The table's row of a log; InputError where it is absent or cannot be read."""
-    files = sorted(LOGS.glob(log.files))
-    if not files:
-        raise InputError(f'{LOGS / log.files} is absent; WATTWALK_REAL_DATA says where logs lie')
     began = time.monotonic()
-    path = HERE / 'log_maps' / log.map
-    used = load_map(str(path) if path.suffix else log.map)
-    source = open_source(files[0], None)
+    used, source = log_map(log.map), open_source(log_files(log.files)[0], None)
     with tempfile.TemporaryDirectory(prefix='wattwalk') as folder:
         lines = 'ready map'
-        if path.suffix:
+        if Path(log.map).suffix:
             guess = Path(folder) / 'guess.yaml'
             guess.write_text(guess_map(list_columns(source), 'robot', is_bag=False), 'utf-8')
             lines = str(edited(parse_map(read_yaml(guess, 'map'), 'guess'), used))
-        bags = []
-        for file in files:
-            bags.append(Path(folder) / file.stem)
-            import_logs([open_source(file, None)], used, f'map {log.map}', bags[-1])
+        bags = imported(log.files, log.map, Path(folder))
         fitted = ' + '.join([name, *log.known[len(DriveLog.known) :]])
         parts = [fitted, lines, *judged(bags, log)]
     return f'| {" | ".join(parts)} | {time.monotonic() - began:.0f} |'

@@ -25,9 +25,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from rich.console import Console
-from rich.table import Table
 from sensor_msgs.msg import JointState
+from wattwalk_core.console import output, print_table
 
 from drive_power_msgs.msg import DriveSupply
 
@@ -225,18 +224,16 @@ def main(args: Sequence[str] | None = None) -> int:
     ways = [(a, b) for a in ('embedded', 'ROS 2') for b in ('embedded', 'ROS 2')]
     with runtimes.reserved() as domain:
         results = {way: measure(*way, options.seconds, domain) for way in ways}
-    table = Table(title=f'1 kHz drive_supply and 400 Hz joint_states, {options.seconds:g} s each')
-    table.add_column('')
-    for source, sink in ways:
-        table.add_column(f'{source} →\n{sink}', justify='right')
-    for name in RATES:
-        for figure in ('publish', 'latency', 'p99'):
-            cells = [f'{results[way][f"{name} {figure}"]:.0f} µs' for way in ways]
-            table.add_row(f'{name} {figure}', *cells)
-    for figure in ('source cpu', 'sink cpu'):
-        table.add_row(figure, *(f'{100 * results[way][figure]:.1f} %' for way in ways))
-    table.add_row('lost', *(f'{results[way]["lost"]:.0f}' for way in ways))
-    Console().print(table)
+    costs = [f'{name} {figure}' for name in RATES for figure in ('publish', 'latency', 'p99')]
+    rows = [(cost, *(f'{results[way][cost]:.0f} µs' for way in ways)) for cost in costs]
+    rows += [
+        (share, *(f'{100 * results[way][share]:.1f} %' for way in ways))
+        for share in ('source cpu', 'sink cpu')
+    ]
+    rows.append(('lost', *(f'{results[way]["lost"]:.0f}' for way in ways)))
+    columns = ('', *(f'{source} →\n{sink}' for source, sink in ways))
+    title = f'1 kHz drive_supply and 400 Hz joint_states, {options.seconds:g} s each'
+    print_table(output(), columns, rows, title)
     return 0
 
 

@@ -19,16 +19,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 from drive_logs import log_questions
-from judgements import plugged_in
+from lab_scenarios import blind_questions
 from power_recordings.alignment.dataset import AlignedDataset
 from reliability_figures import tables
 from reliability_questions import (
     Question,
-    blind_questions,
     plant_questions,
     robot_questions,
 )
@@ -68,7 +68,7 @@ def answer(asked: Examination) -> dict[str, Any]:
         }
         with threadpool_limits(limits=1):
             start = time.monotonic()
-            said = plugged_in(asked.judge)(sealed.data, sealed.known)
+            said = resolve_name(asked.judge)(sealed.data, sealed.known)
             row['seconds_taken'] = round(time.monotonic() - start, 1)
         row['statements'] = [[one.effect, one.probability] for one in said.statements]
         row['intervals'] = [

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.table import Table
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 Row = dict[str, Any]
 BINS = ((0.5, 0.8), (0.8, 0.95), (0.95, 1.0000001))
@@ -13,19 +13,11 @@ FLOOR = 0.05
 COLUMNS = (('developed on', True), ('not developed on', False))
 
 
-def clopper_pearson(hits: int, count: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the exact confidence interval of a share."""
-    rest = (1 - level) / 2
-    low = beta.ppf(rest, hits, count - hits + 1) if hits else 0.0
-    high = beta.ppf(1 - rest, hits + 1, count - hits) if hits < count else 1.0
-    return float(low), float(high)
-
-
 def share(hits: int, count: int) -> str:
-    """Write a share with its number and interval: `0.94 [0.91, 0.96] of 400`."""
+    """Write a share with its number and exact interval of 95 %: `0.94 [0.91, 0.96] of 400`."""
     if not count:
         return '–'
-    low, high = clopper_pearson(hits, count)
+    low, high = binomtest(hits, count).proportion_ci()
     return f'{hits / count:.2f} [{low:.2f}, {high:.2f}] of {count}'
 
 

@@ -9,12 +9,11 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from lab_scenarios import FAULTS, LEG, Scenario, scenarios
-from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from sim_bridge.offline.run import simulate_recording, walking_run
 from sim_bridge.plant.parameters import Plant as RobotPlant
+from truth_circuit import NAMES
 from truths import FAMILIES, UNMODELLED, Case, hidden_watts, record
 from truths.families import IN_MOTOR_TORQUE
 
@@ -132,7 +131,7 @@ class OfRobot:
             'developed': not self.real,
             'motion': 'walk',
             'seconds': self.seconds,
-            'drives': len(LEG),
+            'drives': len(NAMES),
             'hidden': list(self.hidden),
         }
 
@@ -141,66 +140,16 @@ class OfRobot:
         plant = RobotPlant.load('anymal_c').unit(self.seed + 1)
         if self.real:
             plant = plant.with_effects(**dict.fromkeys(REAL, True))
-        run = walking_run(plant, duration=self.seconds, seed=self.seed, drives=LEG)
-        data = align(simulate_recording(run), rate=400.0, smooth=False, drives=LEG)
+        run = walking_run(plant, duration=self.seconds, seed=self.seed, drives=NAMES)
+        data = align(simulate_recording(run), rate=400.0, smooth=False, drives=NAMES)
         exists = {name for name, effect in plant.effects if effect.enabled} - {*REAL}
         known = ('shaft', *sorted(exists - set(self.hidden)))
-        parameters = plant.resolve(LEG)
+        parameters = plant.resolve(NAMES)
         coefficients = {
             name: _robot_coefficients({key: float(value[i]) for key, value in parameters.items()})
-            for i, name in enumerate(LEG)
+            for i, name in enumerate(NAMES)
         }
         return Sealed(data, known, frozenset(self.hidden), coefficients)
-
-
-@dataclass(frozen=True)
-class OfScenario:
-    """A question of the blind benchmark: an effect, a pair, a fault or nothing in 150 s."""
-
-    scenario: Scenario
-
-    @property
-    def key(self) -> str:
-        """Key in a file of results."""
-        return f'blind|{self.scenario.key}'
-
-    @property
-    def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
-        one = self.scenario
-        return {
-            'family': f'blind, {one.group}',
-            'developed': True,
-            'motion': one.motion,
-            'seconds': one.seconds,
-            'drives': len(LEG),
-            'hidden': [*one.hidden, *([one.fault] if one.fault else [])],
-        }
-
-    def seal(self) -> Sealed:
-        """Simulate the scenario."""
-        one = self.scenario
-        data = one.record()
-        fault = FAULTS.get(one.fault, {})
-        wrong = {'power_gain'} if abs(fault.get('gain', 0.0)) >= NAMED_FROM else set()
-        return Sealed(data, one.known, one.truth | wrong, watts=self._watts(data))
-
-    def _watts(self, data: AlignedDataset) -> Mapping[str, float]:
-        """W rms by which hidden effects change the power; a robot moves otherwise without them."""
-        if self.scenario.source != 'circuit':
-            return {}
-        power = prepare(data).power_at(0.0)
-        without = {
-            name: prepare(self.scenario.record(without=(name,))).power_at(0.0)
-            for name in self.scenario.truth
-        }
-        return {n: float(np.sqrt(np.nanmean(np.square(power - p)))) for n, p in without.items()}
-
-
-def blind_questions(seed: int = 0) -> list[OfScenario]:
-    """All questions of the blind benchmark at one strength."""
-    every = scenarios((seed,), sources=('circuit', 'sim'), quick=True)
-    return [OfScenario(one) for one in every]
 
 
 def _robot_coefficients(p: Mapping[str, float]) -> dict[str, float]:

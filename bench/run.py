@@ -11,9 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 BENCHMARKS: dict[str, tuple[str, ...]] = {
     'commands_start': (),
-    'offline_simulation': (),
-    'alignment': (),
-    'import_speed': ('--mb', '1000'),
+    'speed': ('--mb', '1000'),
     'real_runtime': (),
     'estimator': (),
     'policies': (),
@@ -21,7 +19,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
 }
 QUICK: dict[str, tuple[str, ...]] = {
     'acquisition': ('--seconds', '30'),
-    'import_speed': ('--mb', '100'),
+    'speed': (),
 }
 
 

@@ -1,6 +1,5 @@
 """The processes of a soak: DAQ, supply node and recorders, on one clock that can be stepped."""
 
-import re
 import resource
 import signal
 import sys
@@ -11,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -41,9 +41,7 @@ class SoakProcess(ChildProcess):
 
     def memory(self) -> int:
         """Return the resident memory [B]."""
-        text = Path(f'/proc/{self.pid}/status').read_text()
-        found = re.search(r'VmRSS:\s+(\d+) kB', text)
-        return 1024 * int(found[1]) if found else 0
+        return int(psutil.Process(self.pid).memory_info().rss)
 
 
 class Diagnostics:

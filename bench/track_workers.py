@@ -20,9 +20,9 @@ import psutil
 from power_recordings.index.store import RecordingIndex
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from sim_bridge.offline.history import bag_names, record_history
 from sim_bridge.plant.ageing import AgeingPlan
+from wattwalk_core.console import output, print_table
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.processes import ChildProcess, wait_until
 from wattwalk_core.schema import parse
@@ -127,26 +127,23 @@ def main() -> int:
     }
     if options.scheduler:
         rows['scheduler'] = (['--scheduler', options.scheduler], False)
-    console = Console()
-    table = Table('run', 's', 'throughput', 'client MB', 'worker MB', 'JSON')
-    first: Measured | None = None
-    same = True
-    for name, (more, kill) in rows.items():
-        found = run(bags, model, more, kill=kill)
-        first = first or found
-        alike = found.json == first.json
-        same = same and alike
-        table.add_row(
+    found = {name: run(bags, model, more, kill=kill) for name, (more, kill) in rows.items()}
+    first = found['one worker']
+    cells = [
+        (
             name,
-            f'{found.seconds:.1f}',
-            f'{first.seconds / found.seconds:.2f} ×',
-            f'{found.client_mb:.0f}',
-            f'{found.worker_mb:.0f}',
-            'the same' if alike else 'differs',
+            f'{one.seconds:.1f}',
+            f'{first.seconds / one.seconds:.2f} ×',
+            f'{one.client_mb:.0f}',
+            f'{one.worker_mb:.0f}',
+            'the same' if one.json == first.json else 'differs',
         )
-    table.title = f'track, {options.recordings} recordings of {options.seconds:g} s, 12 drives'
-    console.print(table)
-    return 0 if same else 1
+        for name, one in found.items()
+    ]
+    columns = ('run', 's', 'throughput', 'client MB', 'worker MB', 'JSON')
+    title = f'track, {options.recordings} recordings of {options.seconds:g} s, 12 drives'
+    print_table(output(), columns, cells, title)
+    return 0 if all(one.json == first.json for one in found.values()) else 1
 
 
 if __name__ == '__main__':

@@ -4,9 +4,8 @@ Three drives of a leg as circuits: currents and voltages are worked out first, p
 product at the meter. Shapes differ from the catalogue's formulas on purpose.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +69,6 @@ class Truth:
     seed: int = 0
     unit: int = 0
     faults: Faults = field(default_factory=Faults)
-    segments: Sequence[Mapping[str, Any]] = ()  # of a motion file, in place of the motion
     pace: float = 1.0  # of the gait, against the usual one
     payload: float = 1.0  # torque against the usual one
 
@@ -79,9 +77,7 @@ def record(truth: Truth) -> AlignedDataset:
     """Simulate and measure, aligned at 400 Hz."""
     rng = np.random.default_rng([truth.seed, 7])
     steps = int(truth.seconds * RATE)
-    if truth.segments:
-        position, velocity, torque = _asked_for(rng, truth.segments)
-    elif truth.motion == 'walk':
+    if truth.motion == 'walk':
         position, velocity, torque = _walk(rng, steps, truth.pace)
     else:
         position, velocity, torque = _ladder(rng, steps)
@@ -143,30 +139,7 @@ def _ladder(rng: np.random.Generator, steps: int) -> tuple[Floats, Floats, Float
         if i + 1 < count:
             speed[i + 1] = -speed[i]
     load = rng.choice(loads, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
-    held = (np.repeat(values, span, axis=0)[:steps] for values in (speed, load))
-    return _moved(rng, *held)
-
-
-def _asked_for(
-    rng: np.random.Generator, segments: Sequence[Mapping[str, Any]]
-) -> tuple[Floats, Floats, Floats]:
-    """Execute segments of a motion file, all drives alike."""
-    speeds, loads = [], []
-    for one in segments:
-        time = np.arange(int(float(one['seconds']) * RATE)) / RATE
-        wave = 2 * np.pi * float(one.get('frequency', 0.0)) * time
-        swing = float(one.get('amplitude', 0.0)) * np.cos(wave)
-        low, high = float(one.get('low', 0.0)), float(one.get('high', 0.0))
-        load = float(one.get('load', one.get('torque', 0.0)))
-        speeds.append(float(one.get('speed', 0.0)) + swing * 2 * np.pi * one.get('frequency', 0.0))
-        loads.append(load + np.where(np.sin(wave) > 0, high, low))
-    speed, load = (np.tile(np.concatenate(parts)[:, None], 3) for parts in (speeds, loads))
-    return _moved(rng, speed, load)
-
-
-def _moved(rng: np.random.Generator, speed: Floats, load: Floats) -> tuple[Floats, Floats, Floats]:
-    """Motion at a speed and load that change at once, as a drive follows them."""
-    steps = len(speed)
+    speed, load = (np.repeat(values, span, axis=0)[:steps] for values in (speed, load))
     w = _smooth(speed, 0.03)
     tau = _smooth(load, 0.05)
     tau += 0.3 * np.gradient(w, 1 / RATE, axis=0)

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from rich.console import Console
 from rich.table import Table
 from sim_bridge.offline.run import run_offline
@@ -209,7 +210,7 @@ def _times(page: Any, work: Callable[[int], float], count: int) -> list[float]:
 
 def _memory(browser: Any, page: Any, process: ChildProcess, table: WorkbenchFigures) -> None:
     table.memory('memory of the server', *_resident(process.pid))
-    workers = [_resident(pid) for pid in _children(process.pid)]
+    workers = [_resident(child.pid) for child in psutil.Process(process.pid).children()]
     for own in sorted(workers, reverse=True)[:1]:
         table.memory('memory of the worker', *own)
     told = browser.new_browser_cdp_session().send('SystemInfo.getProcessInfo')['processInfo']
@@ -217,11 +218,6 @@ def _memory(browser: Any, page: Any, process: ChildProcess, table: WorkbenchFigu
     table.memory('memory of the tab', *max(tabs))
     heap = page.evaluate('() => performance.memory.usedJSHeapSize / 1e6')
     table.memory('of these, heap of its scripts', heap)
-
-
-def _children(pid: int) -> list[int]:
-    tasks = Path(f'/proc/{pid}/task').iterdir()
-    return [int(child) for task in tasks for child in (task / 'children').read_text().split()]
 
 
 def _resident(pid: int) -> tuple[float, float]:

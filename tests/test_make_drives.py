@@ -41,7 +41,6 @@ def test_a_drive_is_made_again_from_its_logs(name, tmp_path):
 
 
 def test_absent_logs_are_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(make_drives, 'LOGS', tmp_path)
+    monkeypatch.setattr(drive_logs, 'LOGS', tmp_path)
     with pytest.raises(InputError, match='WATTWALK_REAL_DATA says where logs lie'):
         make_drives.make('mn8014_sspg_7', tmp_path)
-    assert tmp_path != drive_logs.LOGS

@@ -1,5 +1,6 @@
 """The benchmark of logs of real drives: lines edited and the expert's regression."""
 
+import drive_logs
 import numpy as np
 import pytest
 import real_drives
@@ -57,7 +58,7 @@ def test_the_regression_of_an_expert_finds_the_factor_of_the_shaft():
 
 
 def test_absent_logs_are_a_row_with_the_reason(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(real_drives, 'LOGS', tmp_path)
+    monkeypatch.setattr(drive_logs, 'LOGS', tmp_path)
     monkeypatch.setattr('sys.argv', ['real_drives.py', 'hopper', '--no-write'])
     assert real_drives.main() == 0
     assert 'not read: ' in capsys.readouterr().out

@@ -10,7 +10,7 @@ from power_daq.topics.health import TopicsHealth
 from power_daq.topics.republisher import MessageField, Republisher, columns_of
 from power_recordings.importing.convert import import_logs
 from power_recordings.importing.map_file import load_map, parse_map
-from power_recordings.importing.sources.bag import open_file
+from power_recordings.importing.sources.bag import BagFile
 from power_recordings.messages import cdr
 from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter
@@ -270,7 +270,7 @@ def test_an_import_of_the_same_messages_has_the_same_samples(tmp_path):
             stamps, cdr.encode_batteries(stamps, np.full(99, 48.0), -2 - late), strict=True
         ):
             bag.write(handle, int(stamp), raw)
-    import_logs([open_file(tmp_path / 'robot')], mapping, 'map', tmp_path / 'out')
+    import_logs([BagFile(tmp_path / 'robot')], mapping, 'map', tmp_path / 'out')
     recording = Recording.open(tmp_path / 'out')
     republisher = Republisher(mapping, 'map')
     messages = [(1000 * x, '/joint_states', joints(x)) for x in t]

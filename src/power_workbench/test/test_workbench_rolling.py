@@ -13,8 +13,8 @@ from power_recordings.messages.cdr import (
     encode_joint_states,
 )
 from power_workbench.live.follower import LiveFollower
-from power_workbench.live.notes import keep_note
 from power_workbench.live.rolling import PERIOD, RollingPower
+from power_workbench.server.actions import keep_note
 from wattwalk_core.yaml_file import read_yaml
 
 MS = 1_000_000

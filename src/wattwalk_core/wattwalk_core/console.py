@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,6 +75,15 @@ def write_json(path: Path, content: Any) -> None:
     """Write plain values as JSON; RecordingError if it cannot be written, ValueError for NaN."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     write_whole(path, text + '\n')
+
+
+def finite(content: Any) -> Any:
+    """Return plain values with None for each number that is not finite, which JSON has not."""
+    if isinstance(content, dict):
+        return {key: finite(item) for key, item in content.items()}
+    if isinstance(content, list | tuple):
+        return [finite(item) for item in content]
+    return None if isinstance(content, float) and not isfinite(content) else content
 
 
 def ending(option: str, *suffixes: str) -> Callable[[str], Path]:

@@ -47,9 +47,7 @@ class Loss:
     spectrum: Floats  # W²/Hz [F], of the reference's power
 
 
-def response_of_drive(
-    ours: Curve, reference: Curve, clock: Clock, seed: int = 0
-) -> Response | None:
+def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response | None:
     """Compare one signal of ours with the reference's, both as sampled; None if too short.
 
     A reference of at least 2.5 times our rate is used up to 0.45 of our rate, a slower one up to a
@@ -102,7 +100,7 @@ def response_of_drive(
     error = np.hypot(error, magnitude * _aliased(reference, np.array(f), rate)) if fast else error
     scale = _low_frequency_gain(np.array(f), magnitude, error)
     samples, means = (
-        _cutoff(np.array(f), magnitude * c, error * c, coherence, np.random.default_rng(seed))
+        _cutoff(np.array(f), magnitude * c, error * c, coherence, np.random.default_rng(0))
         for c in (c / scale for c in _averaging(reference, np.array(f)))
     )
     return _combined(samples, means)

@@ -42,18 +42,10 @@ class ShaftSpring:
 
 @dataclass(frozen=True)
 class Joint:
-    """Torque (N·m) and position (rad) of a joint in runs without gaps, times in s."""
+    """Torque (N·m) and position (rad) of a joint over time."""
 
     name: str
-    runs: tuple[tuple[Floats, Floats, Floats], ...]  # time, torque, position
-    period: float
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """First and last time, s."""
-        if not self.runs:
-            return 0.0, 0.0
-        return float(self.runs[0][0][0]), float(self.runs[-1][0][-1])
+    curve: Curve  # torque, position
 
     @classmethod
     def of(cls, recording: Recording, drive: str, start_ns: int) -> 'Joint':
@@ -65,24 +57,22 @@ class Joint:
             )
         column = joints.names.index(drive)
         time = (joints.stamp_ns - start_ns) / 1e9
-        torque = joints.effort[:, column].astype(np.float64)
-        angle = joints.position[:, column].astype(np.float64)
-        bad = ~(np.isfinite(angle) & np.isfinite(torque))
+        signals = (joints.effort[:, column], joints.position[:, column])
+        values = np.column_stack(signals).astype(np.float64)
+        bad = np.asarray(~np.isfinite(values).all(axis=1))
         stream = Stream.of(time, np.zeros((len(time), 0), np.float32), bad)
         pairs = zip(stream.starts.tolist(), stream.stops.tolist(), strict=True)
-        runs = tuple(
-            (time[a:b], torque[a:b], angle[a:b]) for a, b in pairs if b - a >= 4 * _WINDOW
-        )
-        return cls(drive, runs, stream.period)
+        runs = tuple((time[a:b], values[a:b]) for a, b in pairs if b - a >= 4 * _WINDOW)
+        return cls(drive, Curve(runs, stream.period))
 
     def between(self, first: float, last: float) -> 'Joint':
         """Return the part between two times, s."""
         kept = []
-        for time, torque, angle in self.runs:
+        for time, values in self.curve.runs:
             low, high = np.searchsorted(time, [first, last]).tolist()
             if high - low >= 4 * _WINDOW:
-                kept.append((time[low:high], torque[low:high], angle[low:high]))
-        return Joint(self.name, tuple(kept), self.period)
+                kept.append((time[low:high], values[low:high]))
+        return Joint(self.name, Curve(tuple(kept), self.curve.period))
 
     def features(self, spring: ShaftSpring) -> Curve:
         """Return eleven signals whose weighted sum is power, with w = dq/dt + compliance·dτ'/dt.
@@ -92,12 +82,12 @@ class Joint:
         inertia, load friction and loss of regenerated power, inverter. The rotor's speed w is the
         derivative of position, since reported speed lags behind its filter.
         """
-        return Curve(
-            tuple((t, self._table(tau, q, spring)) for t, tau, q in self.runs), self.period
-        )
+        runs = self.curve.runs
+        return Curve(tuple((t, self._table(v, spring)) for t, v in runs), self.curve.period)
 
-    def _table(self, torque: Floats, angle: Floats, spring: ShaftSpring) -> Floats:
-        delta = self.period
+    def _table(self, values: Floats, spring: ShaftSpring) -> Floats:
+        torque, angle = values.T
+        delta = self.curve.period
         torsion = torque
         if spring.relaxation > 0.0:
             keep = float(np.exp(-delta / spring.relaxation))
@@ -157,7 +147,7 @@ class Delay:
 def delay_of(recording: Recording, drive: str) -> Delay:
     """Estimate a drive's delay by regression of its electrical power on its joint signals.
 
-    The proxy is that of `power_proxy.Joint`, linear in functions of torque and the rotor's speed.
+    The proxy is that of `Joint.features`, linear in functions of torque and the rotor's speed.
     A spring (compliance and relaxation) between rotor and joint is fitted with it, since its
     effect resembles a delay. Both sides pass the same low-pass (flat to 25 Hz). Gauss-Newton over
     coefficients, spring and delay, from the best of seven springs, on the 30 s in which power
@@ -193,8 +183,8 @@ def delay_of(recording: Recording, drive: str) -> Delay:
 def _busiest(recording: Recording, drive: str, power: Curve, joint: Joint) -> Floats:
     """Return the times at which both sides are fitted, s."""
     margin = float(SHIFTS[-1]) + _LARGEST_DELAY + 0.1
-    first = max(power.span[0], joint.span[0]) + margin
-    last = min(power.span[1], joint.span[1]) - margin
+    first = max(power.span[0], joint.curve.span[0]) + margin
+    last = min(power.span[1], joint.curve.span[1]) - margin
     time = first + np.arange(max(0, int((last - first) * _RATE))) / _RATE
     watts = power.at(time)[:, 0]
     if np.isfinite(watts).sum() < _LEAST * _RATE:

@@ -35,7 +35,7 @@ class StepResponse:
     torque_half: IntervalEstimate
 
 
-def step_response(recording: Recording, drive: str, seed: int = 0) -> StepResponse | None:
+def step_response(recording: Recording, drive: str) -> StepResponse | None:
     """Stack the responses to steps of a drive's command; None for under five isolated steps.
 
     A step is a change by over a quarter of the command's range from one message to the next, with
@@ -59,7 +59,7 @@ def step_response(recording: Recording, drive: str, seed: int = 0) -> StepRespon
     if len(rows) < _FEWEST:
         return None
     stacked = np.array(rows)  # [E, 2, G]
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     picks = random.integers(0, len(rows), (_DRAWS, len(rows)))
     halves = []
     for channel in (0, 1):
@@ -72,10 +72,10 @@ def step_response(recording: Recording, drive: str, seed: int = 0) -> StepRespon
 
 
 def _steps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
+    """Return the stamps of isolated steps of the quantity that has the most of them."""
     if drive not in commands.names:
         return np.zeros(0, np.int64)
     column = commands.names.index(drive)
-    """Return the stamps of isolated steps of the quantity that has the most of them."""
     found = np.zeros(0, np.int64)
     for name in _FIELDS:
         values = getattr(commands, name)[:, column].astype(np.float64)

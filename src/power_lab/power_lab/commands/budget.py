@@ -2,10 +2,7 @@
 
 import argparse
 
-from power_estimator.effects import load_catalogue
-from power_recordings.reading.bag_folder import check_recordings
-from wattwalk_core.console import progress, write_json
-from wattwalk_core.engine.options import Workplace
+from wattwalk_core.console import write_json
 from wattwalk_core.files import together
 
 from power_lab.budget.levers import parse_changes
@@ -13,19 +10,12 @@ from power_lab.commands import options as common
 from power_lab.compare.notes import notes
 from power_lab.report.budget_figures import write_figures
 from power_lab.report.budget_page import write_budget
-from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
-    check_recordings(options.bags)
     changes = parse_changes(options.change)
-    catalogue = load_catalogue(options.effects_path)
-    if options.model is not None:
-        common.check_models([options.model], catalogue)
-    with progress('reading') as show:
-        with common.reading_engine(Workplace.of(options), options.bags) as engine:
-            how = {'engine': engine, 'show': show, **common.reading_of(options)}
-            lab = Session.open(*options.bags, catalogue=catalogue, **how)
+    models = [] if options.model is None else [options.model]
+    with common.opened(options, models) as (lab, show):
         if options.model is not None:
             lab = lab.load(options.model)
         show('accounting' if options.model else 'choosing a model and accounting')

@@ -4,27 +4,17 @@ import argparse
 from pathlib import Path
 
 from drive_bench.motion.joint_limits import limits_of
-from power_estimator.effects import load_catalogue
-from power_recordings.reading.bag_folder import check_recordings
-from wattwalk_core.console import progress, write_json
-from wattwalk_core.engine.options import Workplace
+from wattwalk_core.console import write_json
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 from power_lab.report.balance import balance_lines, power_balances
 from power_lab.report.page import write_diagnosis
 from power_lab.report.tables import print_outcome
-from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
-    check_recordings(options.bags)
-    catalogue = load_catalogue(options.effects_path)
-    common.check_models([options.model, *options.also], catalogue)
-    with progress('reading') as show:
-        with common.reading_engine(Workplace.of(options), options.bags) as engine:
-            how = {'engine': engine, 'show': show, **common.reading_of(options)}
-            lab = Session.open(*options.bags, catalogue=catalogue, **how)
+    with common.opened(options, [options.model, *options.also]) as (lab, show):
         show('diagnosing')
         outcome = lab.load(options.model).diagnose(options.seed, show)
         loaded, content = lab.recordings, outcome.json()
@@ -41,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
                 motion = motion.within(limits)
             motion.save(options.motion)
         if options.report:
-            write_diagnosis(options.report, outcome, options.also, catalogue)
+            write_diagnosis(options.report, outcome, options.also, lab.judge.catalogue)
     if options.motion:
         print(f'to record next: {options.motion}')
     if options.report:

@@ -5,33 +5,46 @@ import itertools
 import os
 import shlex
 import sys
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Final
 
-from power_estimator.effects import Catalogue
+from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.loader import load_model
 from power_recordings.index.store import Stamp
+from power_recordings.reading.bag_folder import check_recordings
 from rich.console import Console
+from wattwalk_core.console import progress
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 
+from power_lab.session import Session
+
+Show = Callable[[str], None]
 _WORTH_WORKERS: Final = 100_000_000  # bytes
 _WIDE: Final = 140  # columns, for tables that are read in a file
 
 
-def reading_engine(
-    place: Workplace, bags: Sequence[Path]
-) -> AbstractContextManager[TaskEngine | None]:
-    """Return what reads recordings side by side, None where it would not be worth it.
+@contextmanager
+def opened(options: argparse.Namespace, models: Sequence[str]) -> Iterator[tuple[Session, Show]]:
+    """Read the recordings that options name, side by side where it is worth it.
 
-    Without --workers or --scheduler it is worth it from 100 MB: workers take seconds to begin.
+    Yield the session, and what changes the text of progress. InputError for a model that cannot
+    be loaded comes first. Without --workers or --scheduler workers are worth it from 100 MB: they
+    take seconds to begin.
     """
+    check_recordings(options.bags)
+    catalogue = load_catalogue(options.effects_path)
+    check_models(models, catalogue)
+    place = Workplace.of(options)
     asked = place.scheduler or place.workers
-    if not asked and sum(Stamp.of(bag).size for bag in bags) < _WORTH_WORKERS:
-        return nullcontext()
-    return TaskEngine(place)
+    small = not asked and sum(Stamp.of(bag).size for bag in options.bags) < _WORTH_WORKERS
+    with progress('reading') as show:
+        with nullcontext() if small else TaskEngine(place) as engine:
+            how = {'engine': engine, 'show': show, **reading_of(options)}
+            lab = Session.open(*options.bags, catalogue=catalogue, **how)
+        yield lab, show
 
 
 def check_models(specs: Sequence[str], catalogue: Catalogue) -> None:

@@ -45,8 +45,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _import(sources: Sequence[LogSource], mapping: object, options: argparse.Namespace) -> None:
-    assert isinstance(mapping, ImportMap)
+def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.Namespace) -> None:
     total = sum(source.size for source in sources)
     columns = (TextColumn('import'), BarColumn(), TextColumn('{task.percentage:.0f} %'))
     console = Console(stderr=True)

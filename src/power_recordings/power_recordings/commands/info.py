@@ -1,15 +1,14 @@
 """`ros2 run power_recordings info`: content and quality of a recording."""
 
 import argparse
-import json
 from collections.abc import Iterable
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from wattwalk_core.console import finite, write_json
 from wattwalk_core.errors import printable
-from wattwalk_core.files import write_whole
 
 from power_recordings.card import Card
 from power_recordings.index.kept_quality import Checked, checked
@@ -27,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
             print_quality(one)
             found[str(path)] = one.quality.content()
     if options.json is not None:
-        write_whole(options.json, json.dumps(_finite(found), indent=2, ensure_ascii=False) + '\n')
+        write_json(options.json, finite(found))
     return 0
 
 
@@ -99,12 +98,3 @@ def _plain(text: str) -> str:
 
 def _figure(value: float, form: str) -> str:
     return '–' if value != value else form.format(value)
-
-
-def _finite(value: object) -> object:
-    """JSON has no NaN: null stands for it."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and value != value else value

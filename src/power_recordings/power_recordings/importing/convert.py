@@ -26,6 +26,12 @@ Messages = NDArray[np.uint8]
 Written = dict[str, tuple[Stamps, dict[tuple[str, str], Floats]]]
 TOPICS = ('joint_states', 'motor_current', 'joint_commands', 'drive_supply', 'supply')
 
+_JOINT_FIELDS = {
+    'joint_states': ('position', 'velocity', 'torque'),
+    'motor_current': ('', '', 'motor_current'),
+    'joint_commands': ('command', '', ''),
+}
+"""Quantities that are position, velocity and effort of a message."""
 _PERIOD = 0.1  # s of electrical samples in a message
 _CHUNK = 10.0  # s
 _POINTS = 50.0  # Hz, at which operating points that have no times are written
@@ -46,11 +52,12 @@ class _Writer:
 
     def __init__(self, bag: BagWriter, plan: ImportPlan) -> None:
         self._bag = bag
-        self._plan = plan
-        self.drives = tuple(plan.drives)
-        self.measured = tuple(d for d, c in plan.drives.items() if {'current', 'power'} & set(c))
-        self.with_current = tuple(d for d, c in plan.drives.items() if 'motor_current' in c)
-        self.commanded = tuple(d for d, c in plan.drives.items() if 'command' in c)
+        self.measured = _having(plan, 'current', 'power')
+        self._of_joints = {
+            'joint_states': tuple(plan.drives),
+            'motor_current': _having(plan, 'motor_current'),
+            'joint_commands': _having(plan, 'command'),
+        }
         self.counts = dict.fromkeys(TOPICS, 0)
         self._topics: dict[str, int] = {}
         self._sequence = 0
@@ -68,7 +75,12 @@ class _Writer:
         if not len(stamps):
             return []
         self.counts[topic] += len(stamps)
-        times, blocks = getattr(self, f'_{topic}')(stamps, values)
+        if topic == 'drive_supply':
+            times, blocks = self._drive_supply(stamps, values)
+        elif topic == 'supply':
+            times, blocks = stamps, [self._supply(stamps, values)]
+        else:
+            times, blocks = stamps, [self._joints(topic, stamps, values)]
         handle = self._topics.get(topic)
         if handle is None:
             kind = {'drive_supply': cdr.DRIVE_SUPPLY, 'supply': cdr.BATTERY_STATE}
@@ -90,26 +102,15 @@ class _Writer:
         empty = np.full(n, np.nan)
         return np.stack([values.get((drive, quantity), empty) for drive in drives], axis=1)
 
-    def _joint_states(
-        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[Messages]]:
-        table = {q: self._table(values, self.drives, q, len(stamps)) for q in JOINT}
-        block = cdr.joint_state_block(
-            stamps, self.drives, table['position'], table['velocity'], table['torque']
+    def _joints(
+        self, topic: str, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> Messages:
+        drives = self._of_joints[topic]
+        position, velocity, effort = (
+            self._table(values, drives, quantity, len(stamps)) if quantity else None
+            for quantity in _JOINT_FIELDS[topic]
         )
-        return stamps, [block]
-
-    def _motor_current(
-        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[Messages]]:
-        amps = self._table(values, self.with_current, 'motor_current', len(stamps))
-        return stamps, [cdr.joint_state_block(stamps, self.with_current, effort=amps)]
-
-    def _joint_commands(
-        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[Messages]]:
-        position = self._table(values, self.commanded, 'command', len(stamps))
-        return stamps, [cdr.joint_state_block(stamps, self.commanded, position)]
+        return cdr.joint_state_block(stamps, drives, position, velocity, effort)
 
     def _drive_supply(
         self, stamps: Stamps, values: dict[tuple[str, str], Floats]
@@ -138,14 +139,17 @@ class _Writer:
         self._sequence += count
         return stamps[:: self._per_message], blocks
 
-    def _supply(
-        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[Messages]]:
+    @staticmethod
+    def _supply(stamps: Stamps, values: dict[tuple[str, str], Floats]) -> Messages:
         volts = values.get(('', 'voltage'), np.full(len(stamps), 1.0))
         amps = values.get(('', 'current'))
         if amps is None:
             amps = values['', 'power'] / volts
-        return stamps, [cdr.battery_block(stamps, volts, -amps)]
+        return cdr.battery_block(stamps, volts, -amps)
+
+
+def _having(plan: ImportPlan, *quantities: str) -> tuple[str, ...]:
+    return tuple(drive for drive, own in plan.drives.items() if {*quantities} & {*own})
 
 
 def import_logs(

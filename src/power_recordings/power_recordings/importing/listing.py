@@ -7,7 +7,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.channel_group import LARGEST
-from power_recordings.importing.sources.source import LogColumn, LogSource
+from power_recordings.importing.sources.source import LogColumn, LogSource, first_rows
 
 _ROWS = 50_000  # of each stream that are looked at
 _CELLS = 25_000_000
@@ -37,13 +37,9 @@ def list_columns(source: LogSource) -> list[Listed]:
 
 def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
     known = {column.address: column for column in columns}
-    rows: dict[str, int] = {}
     parts: dict[str, list[np.ndarray]] = {}
     stamps: dict[str, list[np.ndarray]] = {}
-    streams = {column.stream for column in columns}
-    enough = min(_ROWS, _CELLS // max(len(columns), 1))
-    for block in source.read(list(known), lambda done: None):
-        rows[block.stream] = rows.get(block.stream, 0) + len(block)
+    for block in first_rows(source, columns, min(_ROWS, _CELLS // max(len(columns), 1))):
         for address, values in block.values.items():
             parts.setdefault(address, []).append(values)
         if block.log_ns is not None:
@@ -51,8 +47,6 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
             stamps.setdefault(block.stream, []).append(
                 header if header is not None and header.any() else block.log_ns
             )
-        if all(rows.get(stream, 0) >= enough for stream in streams):
-            break
     result = {}
     for address, arrays in parts.items():
         column, values = known[address], np.concatenate(arrays)

@@ -189,7 +189,10 @@ def make_plan(
         for part in mapping.time.parts:
             column = _find(part.source, known, f'{where}: time.column')
             unit = part.unit or _stated(column, 'time') or 's'
-            _checked_unit(unit, f'{where}: time.unit')
+            try:
+                conversion(unit, 'time')
+            except InputError as error:
+                raise InputError(f'{where}: time.unit: {error}') from None
             time.append((column, unit))
     at = {n: d.torque.at or 'joint' for n, d in drives.items() if d.torque is not None}
     current = {
@@ -308,13 +311,6 @@ def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
     return Conversion(signal.scale * after.factor, offset)
 
 
-def _checked_unit(unit: str, where: str) -> None:
-    try:
-        conversion(unit, 'time')
-    except InputError as error:
-        raise InputError(f'{where}: {error}') from None
-
-
 def _stated(column: LogColumn, quantity: str) -> str:
     """The unit that the log itself states, where it fits the quantity."""
     unit = column.unit or unit_of(column.address)
@@ -361,14 +357,12 @@ def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:
     moving = {'position', 'velocity'} & set(channels)
     if not moving and 'torque' not in channels:
         raise InputError(f'{where}: neither position, velocity nor torque')
-    if 'current' in channels and 'voltage' not in channels:
-        raise InputError(
-            f'{where}: current without voltage; add voltage: {{from: …}} or {{value: 48, unit: V}}'
-        )
-    if 'power' in channels and 'voltage' not in channels:
-        raise InputError(
-            f'{where}: power without voltage; add voltage: {{from: …}} or {{value: 48, unit: V}}'
-        )
+    for given in ('current', 'power'):
+        if given in channels and 'voltage' not in channels:
+            raise InputError(
+                f'{where}: {given} without voltage; add voltage: {{from: …}} or '
+                '{value: 48, unit: V}'
+            )
     if {'power', 'current'} <= set(channels):
         raise InputError(f'{where}: give current or power, not both')
     if not any(channel.terms for channel in channels.values()):

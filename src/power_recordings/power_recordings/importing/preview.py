@@ -8,7 +8,7 @@ from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.map_file import ImportMap
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
-from power_recordings.importing.sources.source import LogSource
+from power_recordings.importing.sources.source import LogSource, first_rows
 from power_recordings.importing.times import LogClock
 from power_recordings.importing.units import SI
 
@@ -43,17 +43,12 @@ def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[Previ
 
 
 def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, Floats]:
-    columns = {column.address: column for column in source.columns()}
-    wanted = plan.addresses()
-    rows: dict[str, int] = {columns[address].stream: 0 for address in wanted}
+    known = {column.address: column for column in source.columns()}
     parts: dict[str, list[Floats]] = {}
-    for block in source.read(wanted, lambda done: None):
-        rows[block.stream] = rows.get(block.stream, 0) + len(block)
+    for block in first_rows(source, [known[address] for address in plan.addresses()], _ROWS):
         for address, values in block.values.items():
             if values.dtype.kind != 'O':
                 parts.setdefault(address, []).append(values)
-        if min(rows.values()) >= _ROWS:
-            break
     return {address: np.concatenate(arrays)[:_ROWS] for address, arrays in parts.items()}
 
 

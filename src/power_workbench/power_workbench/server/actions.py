@@ -1,19 +1,32 @@
 """Actions of the page on a session: their contents checked, then passed on to it."""
 
+import datetime
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Length, Name, Printable, Quantity, parse, schema
+from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_workbench.files.folders import Folders
-from power_workbench.live.notes import keep_note
 from power_workbench.server import answers
 from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.steps import SessionStep
 from power_workbench.views import maps
+
+
+def keep_note(folder: Path, text: str, recording: str) -> None:
+    """Add a note to the session's file, with the recording whose card has it, if any."""
+    file = folder / 'notes.yaml'
+    before = read_yaml(file, 'notes') if file.exists() else []
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec='milliseconds')
+    entry = {'time': now, 'text': text} | ({'recording': recording} if recording else {})
+    write_whole(file, dump_yaml([*before, entry]))
+
 
 _Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
 _Value = Annotated[float, Quantity(-1e12, 1e12)]

@@ -46,10 +46,6 @@ class CalibratorTone:
     seconds: float
     level: float  # dB SPL that the calibrator makes
 
-    def decibels(self, mean_square: Floats | float) -> Floats:
-        """Return sound pressure levels, dB re 20 µPa, of mean squares in units of full scale."""
-        return np.asarray(10.0 * np.log10(np.asarray(mean_square) / self.mean_square) + self.level)
-
 
 def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> CalibratorTone:
     """Find the steady tone in a recording of a calibrator of a level in dB SPL.
@@ -177,7 +173,9 @@ class Analysis:
     @property
     def shift(self) -> float:
         """Difference in dB from mean squares in units of full scale to the unit."""
-        return float(decibels(np.array(2.0)) if self.tone is None else self.tone.decibels(1.0))
+        if self.tone is None:
+            return float(decibels(np.array(2.0)))
+        return self.tone.level - float(decibels(np.array(self.tone.mean_square)))
 
     @property
     def policies(self) -> tuple[str, ...]:

@@ -1,11 +1,12 @@
 """Level statistics of a policy, and differences between policies with intervals."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from arch.bootstrap import optimal_block_length
-from scipy.special import stdtrit
+from scipy.stats import ttest_ind
 from wattwalk_core.arrays import Floats
 
 FIGURES = ('leq', 'l10', 'l50', 'l90')
@@ -93,7 +94,12 @@ def differences(
     """
     block = None
     if min(len(first), len(second)) > 1:
-        value, low, high = _welch(_each(first), _each(second))
+        sides = [np.stack([_together([one]) for one in side]) for side in (second, first)]
+        value = sides[0].mean(axis=0) - sides[1].mean(axis=0)
+        # Files of one level have no variance, of which scipy warns.
+        with warnings.catch_warnings(action='ignore', category=RuntimeWarning):
+            ends = ttest_ind(*sides, equal_var=False).confidence_interval(0.95)
+        low, high = (np.where(np.isnan(end), value, end) for end in ends)
     else:
         random = np.random.default_rng(_SEED)
         block = max(block_length(s) for s in (*first, *second))
@@ -107,27 +113,9 @@ def differences(
     return found, None if block is None else block * _PIECE
 
 
-def _each(stretches: Sequence[Stretch]) -> Floats:
-    """Return the figures of each sound, [sound, figure]."""
-    return np.stack([_together([stretch]) for stretch in stretches])
-
-
 def _together(stretches: Sequence[Stretch]) -> Floats:
     """Return the figures of all sounds joined, [figure]."""
-    energy = np.concatenate([s.energy for s in stretches])
-    detector = np.concatenate([s.detector for s in stretches])
-    return _figures(energy[None], detector[None])[:, 0]
-
-
-def _welch(first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return second less first, low and high of the mean levels [figure] (Welch 1947)."""
-    value = second.mean(axis=0) - first.mean(axis=0)
-    parts = np.stack([side.var(axis=0, ddof=1) / len(side) for side in (first, second)])
-    error = parts.sum(axis=0)
-    rest = parts**2 / np.array([[len(first) - 1.0], [len(second) - 1.0]])
-    freedom = np.maximum(error**2 / np.maximum(rest.sum(axis=0), _LOWEST), 1.0)
-    half = stdtrit(freedom, 0.975) * np.sqrt(error)
-    return value, value - half, value + half
+    return _figures([s.energy for s in stretches], [s.detector for s in stretches])
 
 
 def block_length(stretch: Stretch) -> int:
@@ -158,11 +146,11 @@ def _draws(stretches: Sequence[Stretch], block: int, random: np.random.Generator
             index = (starts[:, None] + np.arange(block)).ravel()[:count] % count
             energy.append(stretch.energy[index])
             detector.append(stretch.detector[index])
-        columns.append(_figures(np.concatenate(energy)[None], np.concatenate(detector)[None]))
-    return np.concatenate(columns, axis=1)
+        columns.append(_figures(energy, detector))
+    return np.stack(columns, axis=1)
 
 
-def _figures(energy: Floats, detector: Floats) -> Floats:
-    """Return Leq, L10, L50, L90 of rows, [4, rows]."""
-    exceeded = np.quantile(detector, [0.9, 0.5, 0.1], axis=1)
-    return decibels(np.concatenate([energy.mean(axis=1)[None], exceeded]))
+def _figures(energy: Sequence[Floats], detector: Sequence[Floats]) -> Floats:
+    """Return Leq, L10, L50, L90 of parts joined, [4]."""
+    exceeded = np.quantile(np.concatenate(detector), [0.9, 0.5, 0.1])
+    return decibels(np.append(np.concatenate(energy).mean(), exceeded))

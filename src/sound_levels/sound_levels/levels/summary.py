@@ -3,9 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
+from wattwalk_core.console import finite
 
-from sound_levels.levels.alignment import Alignment
 from sound_levels.levels.analysis import Analysis
 from sound_levels.levels.statistics import ENOUGH, Levels
 
@@ -62,7 +61,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
                 'counted': take.why,
                 **_levels(analysis.take_levels(take)),
                 'recording': None if take.recording is None else str(take.recording),
-                'alignment': _alignment(take.alignment),
+                'alignment': take.alignment and finite(asdict(take.alignment)),
                 'warnings': list(take.warnings),
             }
             for take in analysis.takes
@@ -99,12 +98,3 @@ def summary(analysis: Analysis) -> dict[str, Any]:
 def _levels(found: Levels) -> dict[str, Any]:
     named = {k: round(v, 3) for k, v in asdict(found).items() if k != 'seconds'}
     return {'counted_s': round(found.seconds, 3), **named}
-
-
-def _alignment(found: Alignment | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    return {
-        key: None if isinstance(value, float) and not np.isfinite(value) else value
-        for key, value in asdict(found).items()
-    }

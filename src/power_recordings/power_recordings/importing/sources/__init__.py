@@ -1,25 +1,27 @@
 """Readers of logs, one file a format; `open_source` finds the right one."""
 
 import stat
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Final
 
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources.source import LogSource
 
+_BAG: Final = 'bag:BagFile'
 _READERS: Final = {
-    'delimited': ('.csv', '.tsv', '.txt', '.dat', '.log', '.asc', '.prn', '.lvm'),
-    'spreadsheet': ('.xlsx', '.xlsm'),
-    'columnar': ('.parquet', '.pq', '.feather', '.arrow'),
-    'matlab': ('.mat',),
-    'hdf5': ('.h5', '.hdf5', '.hdf'),
-    'json_lists': ('.json', '.jsonl', '.ndjson'),
-    'hebi': ('.hebilog',),
-    'bag': ('.bag', '.mcap', '.db3'),
+    'delimited:DelimitedFile': ('.csv', '.tsv', '.txt', '.dat', '.log', '.asc', '.prn', '.lvm'),
+    'spreadsheet:Spreadsheet': ('.xlsx', '.xlsm'),
+    'columnar:ColumnarFile': ('.parquet', '.pq', '.feather', '.arrow'),
+    'matlab:open_file': ('.mat',),
+    'hdf5:Hdf5File': ('.h5', '.hdf5', '.hdf'),
+    'json_lists:open_file': ('.json', '.jsonl', '.ndjson'),
+    'hebi:open_file': ('.hebilog',),
+    _BAG: ('.bag', '.mcap', '.db3'),
 }
+"""Endings by the module of this package and what of it opens them."""
 _NEEDS: Final = {
     'delimited': ('pyarrow', 'pyarrow'),
     'spreadsheet': ('openpyxl', 'openpyxl'),
@@ -43,7 +45,7 @@ def open_source(path: Path, messages: Path | None = None) -> LogSource:
     except ValueError as error:
         raise InputError(f'cannot read {path}: {error}') from None
     if stat.S_ISDIR(mode):
-        return _open('bag', path, messages)
+        return _open(_BAG, path, messages)
     if not stat.S_ISREG(mode):
         raise InputError(f'{path}: not a regular file')
     if not path.stat().st_size:
@@ -56,9 +58,9 @@ def open_source(path: Path, messages: Path | None = None) -> LogSource:
 
 
 def _open(reader: str, path: Path, messages: Path | None) -> LogSource:
-    check_library(reader, path)
-    module = import_module(f'power_recordings.importing.sources.{reader}')
-    return module.open_file(path, messages)  # type: ignore[no-any-return]
+    check_library(reader.partition(':')[0], path)
+    opened = resolve_name(f'{__name__}.{reader}')
+    return opened(path, messages) if reader == _BAG else opened(path)  # type: ignore[no-any-return]
 
 
 def check_library(reader: str, path: Path) -> None:

@@ -24,11 +24,6 @@ _MOST_COLUMNS: Final = 400  # of one topic that are listed
 _STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
 
-def open_file(path: Path, messages: Path | None = None) -> 'BagFile':
-    """Open a bag; InputError for one that is damaged or whose types are unknown."""
-    return BagFile(path, messages)
-
-
 class BagFile:
     """The topics of a bag, one stream each; a field is `topic:field.path[i]` or `…[name]`."""
 

@@ -22,18 +22,12 @@ from power_recordings.importing.sources.source import (
 )
 
 
-def open_file(path: Path, messages: Path | None = None) -> 'ColumnarFile':
-    """Open a Parquet or Feather file; InputError for one that is damaged."""
-    return ColumnarFile(path)
-
-
 class ColumnarFile:
     """A table of columns. Streams: one. Lists inside a column go by `column.index`."""
 
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-
         self.path = path
         self.size = path.stat().st_size
         self._is_parquet = path.suffix.lower() in ('.parquet', '.pq')
@@ -50,12 +44,10 @@ class ColumnarFile:
         check_room(path, self.size, (self._rows or 0) * count * 8)
 
     def _feather(self, columns: list[int] | None) -> Any:
-
         options = pa.ipc.IpcReadOptions(included_fields=columns)
         return pa.ipc.open_file(pa.memory_map(str(self.path)), options=options)
 
     def _batches(self, names: list[str]) -> Iterator[Any]:
-
         if self._is_parquet:
             file = parquet.ParquetFile(self.path)
             yield from file.iter_batches(rows_at_once(len(names)), columns=names)

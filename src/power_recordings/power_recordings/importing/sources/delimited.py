@@ -88,11 +88,6 @@ class TableDialect:
     longest: int  # bytes of a line
 
 
-def open_file(path: Path, messages: Path | None = None) -> 'DelimitedFile':
-    """Open a delimited file; InputError where no rows of numbers are found in it."""
-    return DelimitedFile(path)
-
-
 class DelimitedFile:
     """A table of delimited text. Streams: one."""
 
@@ -177,7 +172,6 @@ class DelimitedFile:
                 yield pa.Table.from_batches(waiting)
 
     def _numbers(self, table: Table) -> dict[str, np.ndarray]:
-
         return {
             name: column.to_numpy()
             if pa.types.is_floating(column.type)

@@ -23,18 +23,12 @@ from power_recordings.importing.sources.source import (
 _MOST_DATASETS: Final = 20_000
 
 
-def open_file(path: Path, messages: Path | None = None) -> 'Hdf5File':
-    """Open an HDF5 file; InputError for one that is damaged."""
-    return Hdf5File(path)
-
-
 class Hdf5File:
     """Datasets as `group.dataset.column`; fields of compound types as `dataset.field`."""
 
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-
         self.path = path
         self.size = path.stat().st_size
         self._fields: dict[str, tuple[str, str]] = {}  # address of an array: dataset, field

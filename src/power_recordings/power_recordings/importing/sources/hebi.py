@@ -18,7 +18,7 @@ _FIELDS: Final = (
 )
 
 
-def open_file(path: Path, messages: Path | None = None) -> LogSource:
+def open_file(path: Path) -> LogSource:
     """Open a HEBI log; InputError where it is damaged."""
     return ArrayLog(path, load_isolated('hebi', path, 'log'))
 

@@ -16,7 +16,7 @@ _MOST_CELLS: Final = 20_000_000
 _DEEPEST: Final = 8
 
 
-def open_file(path: Path, messages: Path | None = None) -> LogSource:
+def open_file(path: Path) -> LogSource:
     """Open a JSON file; InputError for one that is damaged or too large."""
     if path.stat().st_size > _LARGEST:
         raise InputError(f'{path}: larger than {_LARGEST >> 20} MiB; convert it to CSV')

@@ -17,7 +17,7 @@ _LARGEST: Final = 1 << 27  # numbers of one variable
 _DEEPEST: Final = 8
 
 
-def open_file(path: Path, messages: Path | None = None) -> LogSource:
+def open_file(path: Path) -> LogSource:
     """Open a MAT file; InputError for one that is damaged."""
     with path.open('rb') as file:
         head = file.read(128)

@@ -64,6 +64,16 @@ class LogSource(Protocol):
         """Yield the rows of the named columns; progress is told the bytes done so far."""
 
 
+def first_rows(source: LogSource, columns: Sequence[LogColumn], enough: int) -> Iterator[LogBlock]:
+    """Yield the blocks that bring so many rows of each stream of the columns, or all there are."""
+    rows = {column.stream: 0 for column in columns}
+    for block in source.read([column.address for column in columns], lambda done: None):
+        rows[block.stream] = rows.get(block.stream, 0) + len(block)
+        yield block
+        if min(rows.values()) >= enough:
+            return
+
+
 def rows_at_once(columns: int) -> int:
     """Return how many rows of so many columns a block may have, at 32 MB of numbers."""
     return max(64, min(65_536, 4_000_000 // max(columns, 1)))

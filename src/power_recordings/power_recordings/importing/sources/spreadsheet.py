@@ -30,18 +30,12 @@ _ROOM: Final = 16 << 20  # bytes that a workbook may unpack to, and times its ow
 _RATIO: Final = 50
 
 
-def open_file(path: Path, messages: Path | None = None) -> 'Spreadsheet':
-    """Open a workbook; InputError where no sheet holds rows of numbers."""
-    return Spreadsheet(path)
-
-
 class Spreadsheet:
     """The sheets of a workbook, one stream each; `Sheet.column` where there are several."""
 
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-
         self.path = path
         self.size = path.stat().st_size
         with reading(path, 'workbook'), catch_warnings(action='ignore'):
