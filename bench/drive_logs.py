@@ -30,6 +30,7 @@ SIZES = (0.01, 0.02, 0.05, 0.1, 0.2)
 """Rms of the added power, as shares of the rms of the metered power about its mean."""
 _OVERSAMPLED = 1.9
 _LEAST = 1e-6
+_BURST = 0.5  # s; half of what an effect shows in less than this is no motion that shows it
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,10 @@ DRIVE_LOGS: Mapping[str, DriveLog] = {
     'moteus_damped': DriveLog(
         'moteus_dyno/futek_test_17_05_2021_17-21-15.csv', 'moteus_dyno.yaml'
     ),
-    'moteus_driven': DriveLog(
-        'moteus_dyno/futek_test_18_05_2021_12-24-46.csv', 'moteus_dyno.yaml'
+    'moteus_driven': DriveLog(  # its load held the shaft still, to 0.08 rad
+        'moteus_dyno/futek_test_18_05_2021_12-24-46.csv',
+        'moteus_dyno.yaml',
+        impossible=STALL | DRIVING,
     ),
     'compact': DriveLog(
         'compact_sspg/SSPG_MN8014_7_2__12.00_*.csv',
@@ -245,6 +248,15 @@ def _unabsorbed(power: Floats, data: AlignedDataset) -> float:
     return size if rest >= 0.5 * size else rest
 
 
+def _shown_s(power: Floats, data: AlignedDataset) -> float:
+    """Seconds with half of the squares of what the model's effects leave of an added power."""
+    shown = 0.0
+    for place, column in enumerate(power.T):
+        squares = np.sort(np.square(residual(column, _model(data, place))[0]))[::-1].cumsum()
+        shown = max(shown, float(np.searchsorted(squares, 0.5 * squares[-1])) / data.rate)
+    return shown
+
+
 def _left_out_watts(effect: str, data: AlignedDataset) -> float:
     """W rms by which a left-out effect's own column makes the error of the others smaller."""
     gains = []
@@ -324,6 +336,8 @@ def _fitting(log: DriveLog, data: AlignedDataset) -> list[tuple[str, float]]:
         whole = name in ('blocked', 'half_blocked')
         power = added_power(name, data, 0.05)
         if not np.isfinite(power).any() or _rms(power) < 0.005 * _rms(metered(data)):
+            continue
+        if not data.steady and _shown_s(power, data) < _BURST:
             continue
         sizes = (_rms(power) / _rms(metered(data)),) if whole else SIZES
         out += [(name, size) for size in sizes]
