@@ -116,6 +116,8 @@ def main(args: Sequence[str] | None = None) -> None:
         loop=0,
         quality=50,
         method=4,
+        kmin=FADES - 1,
+        kmax=FADES,  # a key frame for each still: else traces of the last one stay
     )
     print(f'{options.output}: {options.output.stat().st_size / 1e6:.2f} MB')
 
