@@ -253,7 +253,8 @@ def _shown_s(power: Floats, data: AlignedDataset) -> float:
     shown = 0.0
     for place, column in enumerate(power.T):
         squares = np.sort(np.square(residual(column, _model(data, place))[0]))[::-1].cumsum()
-        shown = max(shown, float(np.searchsorted(squares, 0.5 * squares[-1])) / data.rate)
+        half = 0.5 * squares[-1:]  # empty for a drive that is not metered
+        shown = max(shown, *(np.searchsorted(squares, half) / data.rate), 0.0)
     return shown
 
 

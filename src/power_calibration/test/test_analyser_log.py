@@ -74,16 +74,6 @@ def test_times_are_seconds_dates_times_of_day_and_epochs(tmp_path, stamp, start)
     np.testing.assert_allclose(log.time, TIME, atol=1e-6)
 
 
-def test_times_that_are_torn_are_left_out_and_midnight_is_passed(tmp_path):
-    clock = [f'{23 + round(1e3 * t) // 500}:59:59.{round(1e3 * t) % 500 + 500}' for t in TIME]
-    times = [text.replace('24:59:59', '00:00:00') for text in clock]
-    times[5] = '23:5'
-    log = Log.read(write(tmp_path / 'a.csv', times=times))
-    assert len(log.time) == len(TIME) - 1
-    assert 0 < log.duration < 60
-    assert any('no number; left out' in note for note in log.notes)
-
-
 @pytest.mark.parametrize('head', ['Time [ms],U [mV],I [kA]', 'time_ms,U_mV,current_kA'])
 def test_units_in_the_heads_and_scales_in_the_mapping_are_applied(tmp_path, head):
     path = write(tmp_path / 'a.csv', head=head)

@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import Scaling, features
 from power_estimator.network.lstm import LstmBank, Weights
@@ -79,6 +81,19 @@ def test_the_windowed_and_the_carried_form_agree_in_r2(ppn, drives):
     scores = [r2(measured[both], form[both]) for form in (windowed, carried)]
     assert scores[0] > 0.6
     assert scores[0] == pytest.approx(scores[1], abs=0.005)
+
+
+def test_the_judge_finds_both_forms_as_good(ppn, drives):
+    judge = Judge(Loaded.of(drives(60.0, seed=7, segments=3)))
+    forms = WindowedNetwork(ppn.checkpoint, 'windowed'), ppn
+    errors = [one.rms_w for one in judge.compare(list(forms))]
+    assert errors[0] == pytest.approx(errors[1], rel=0.02)
+
+
+def test_the_windowed_form_refuses_another_rate(ppn, drives):
+    data = drives(5.0)
+    with pytest.raises(InputError, match='is aligned to 50 Hz'):
+        WindowedNetwork(ppn.checkpoint).predict(replace(data, rate=50.0))
 
 
 def test_the_carried_form_is_as_good_after_ten_minutes_as_at_the_start(ppn, drives):

@@ -37,12 +37,13 @@ def test_states_are_torques_along_the_motion():
     assert found.json()['states'][0] == [2.0, -5.0]
 
 
-def walked(strides=12, rows=24):
+def walked(strides=12, rows=24, lost=()):
     """Two drives of one leg that stand half of a stride, and draw 10 W there and 4 W in swing."""
     stands = np.tile(np.arange(rows) < rows // 2, strides)
     both = np.stack([stands, stands], axis=1)
     metered = np.where(both, 10.0, 4.0)
     parts = np.stack([np.full(both.shape, 3.0), np.where(both, 5.0, 0.0)], axis=2)
+    parts[list(lost)] = np.nan
     count = len(stands)
     return PartsOverTime(
         ('LF_HFE', 'LF_KFE'),
@@ -66,6 +67,21 @@ def test_a_gait_cycle_adds_up_to_what_was_metered_of_a_leg():
     assert found.families['copper'][:12] == pytest.approx(10.0)
     assert sum(found.families.values()) == pytest.approx(found.metered)
     assert len(found.json()['percent']) == 24
+
+
+@pytest.mark.parametrize('rows', [14, 20, 24, 30])
+def test_strides_of_any_length_fill_the_cycle(rows):
+    found = GaitCyclePower.of(walked(rows=rows))
+    assert found is not None
+    assert len(found.percent) == min(rows, 24)
+    assert found.metered.min() == pytest.approx(8.0)
+
+
+def test_rows_without_an_estimate_are_left_out_of_the_cycle():
+    found = GaitCyclePower.of(walked(lost=(30, 31, 100)))
+    assert found is not None
+    assert found.metered == pytest.approx(GaitCyclePower.of(walked()).metered)
+    assert np.isfinite(found.families['copper']).all()
 
 
 def test_a_robot_without_feet_or_with_few_strides_has_no_gait_cycle():

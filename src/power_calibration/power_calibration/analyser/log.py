@@ -4,18 +4,16 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from power_recordings.importing.moments import DAY, moments, unwrapped
 from power_recordings.importing.sources.delimited import DelimitedFile
-from power_recordings.importing.sources.source import number
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import advice
 
 from power_calibration.analyser.curve import Curve
+from power_calibration.analyser.log_columns import read_columns
 
 QUANTITIES = ('voltage', 'current', 'power')
 _KEYS = ('time', *QUANTITIES)
@@ -96,15 +94,11 @@ class Log:
             heads = file.dialect.head.names
             places, scales = _columns(path, heads, columns)
             names = [key for key in _KEYS if key in places]
-            blocks = list(file.read([heads[places[key]] for key in names], progress))
+            rows, notes = read_columns(file, [heads[places[key]] for key in names], progress)
         except OSError as error:
             raise InputError(f'cannot read {path}: {advice(error)}') from error
-        values = [
-            np.concatenate([block.values[heads[places[key]]] for block in blocks]) for key in names
-        ]
-        rows = np.column_stack([_seconds(path, values[0]), *map(number, values[1:])])
-        rows *= [scales[key] for key in names]
-        notes = [note for block in blocks for note in block.notes]
+        for column, key in enumerate(names):
+            rows[:, column] *= scales[key]
         if 'time' not in scales or scales['time'] == 1.0:
             rows[:, 0] *= _epoch_scale(rows[:, 0])
         return cls.of(path, names, rows, notes)
@@ -115,16 +109,6 @@ class Log:
     ) -> 'Log':
         """Make a log of rows [N, K]: time and the named quantities, in s, V, A and W."""
         return _checked(path, names, rows, notes)
-
-
-def _seconds(path: Path, times: NDArray[Any]) -> Floats:
-    """Return dates as s since 1970, times of day as s since the first midnight, and numbers."""
-    if times.dtype.kind != 'O':
-        return number(times)
-    stamps = moments(times, f'{path}: time', strict=False)
-    if np.median(stamps) < DAY:
-        stamps = unwrapped(stamps, -1)
-    return np.where(stamps >= 0, stamps / 1e9, np.nan)
 
 
 def _columns(

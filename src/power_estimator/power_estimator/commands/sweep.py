@@ -50,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
         'training': asdict(training),
         'folds': options.folds,
         'segments': options.segments,
+        'scored': 'by the judge',  # points that were scored otherwise do not go on
         'longest_history': max(p.network().history for p in wanted),
     }
     folder.open(about, given.recordings, resume=options.resume)

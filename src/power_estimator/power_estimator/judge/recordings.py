@@ -165,13 +165,18 @@ def load(
 
 
 def _fingerprint(data: AlignedDataset, index: int) -> str:
-    """Hash of one recording's signals, whatever the order of its drives."""
+    """Hash of one recording's signals, whatever the order of its drives.
+
+    A part of its drives or rows is another recording: fit and judge on the same ones.
+    """
     own = data.rows(data.recording == index)
-    digest = hashlib.sha256(own.time.tobytes() + own.supply.tobytes())
+    signals = [getattr(own, name) for name in (*DRIVE_SIGNALS, 'motor_current')]
+    digest = hashlib.sha256(own.time.tobytes() + np.float32(own.supply).tobytes())
     for name in sorted(own.names):
         digest.update(name.encode())
-        for signal in DRIVE_SIGNALS:
-            digest.update(getattr(own, signal)[:, own.names.index(name)].tobytes())
+        for signal in signals:
+            if signal is not None:
+                digest.update(np.float32(signal[:, own.names.index(name)]).tobytes())
     return digest.hexdigest()
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
-from wattwalk_core.arrays import Bools, Singles
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign, owners
@@ -92,21 +92,21 @@ class PowerPredictionNetwork:
                 f'{", ".join(data.recordings)} is aligned to {data.rate:g} Hz'
             )
         x = features(data)
-        borders = np.zeros(len(x), bool)
-        borders[[run.start for run in data.segments()]] = True
         if times == 1:
-            return self._carried(x, borders, data.names)
+            return self._estimates(x, list(data.segments()), data.names)
         result = np.full(x.shape[:2], np.nan, np.float32)
         for run in data.segments():
             rows = block_means(x, [run], times)
-            first = np.zeros(len(rows), bool)
-            first[:1] = True
-            held = np.repeat(self._carried(rows, first, data.names), times, axis=0)
+            power = self._estimates(rows, [slice(0, len(rows))], data.names)
+            held = np.repeat(power, times, axis=0)
             result[run.start : run.start + len(held)] = held
         return result
 
-    def _carried(self, x: Singles, borders: Bools, drives: Sequence[str]) -> Singles:
+    def _estimates(self, x: Singles, stretches: Sequence[slice], drives: Sequence[str]) -> Singles:
+        """Watts [N, D] of features [N, D, 3] at the network's rate, with carried state."""
         bank = self.stream(drives)
+        borders = np.zeros(len(x), bool)
+        borders[[stretch.start for stretch in stretches if stretch.start < len(x)]] = True
         good = np.all(np.isfinite(x), axis=2)
         fresh = good & (borders[:, None] | ~np.vstack([good[:1], good[:-1]]))
         power = bank.run(np.where(good[..., None], x, 0), fresh)
@@ -117,31 +117,30 @@ class PowerPredictionNetwork:
 
 
 class WindowedNetwork(PowerPredictionNetwork):
-    """The paper's form: 0.3 s of history from a state of zero for each estimate."""
+    """The paper's form: 0.3 s of history from a state of zero for the outputs of each block.
 
-    def predict(self, data: AlignedDataset) -> Singles:
-        """Return watts [T, D] at the network's rate, one estimate held over each block of rows.
+    NaN where the window reaches over the start of a gap-free stretch.
+    """
 
-        NaN where the window reaches over the start of a gap-free stretch.
-        """
-        block, x = self.checkpoint.config.block, features(data)
+    def _estimates(self, x: Singles, stretches: Sequence[slice], drives: Sequence[str]) -> Singles:
+        block = self.checkpoint.config.block
         result = np.full(x.shape[:2], np.nan, np.float32)
-        for run in data.segments():
+        for run in stretches:
             ends = np.arange(run.start + block, run.stop + 1, block)
             rows = slice(run.start, run.start + block * len(ends))
-            for name, columns in assign(data.names, self.types).items():
+            for name, columns in assign(drives, self.types).items():
                 for column in columns:
-                    power = self._windows(name, x[:, column], ends, run.start)
-                    result[rows, column] = np.repeat(power, block)
+                    result[rows, column] = self._windows(name, x[:, column], ends, run.start)
         return result
 
     def _windows(self, name: str, x: Singles, ends: NDArray[np.intp], start: int) -> Singles:
+        """Watts of blocks that end at rows of x [N, 3], one after another."""
         config = self.checkpoint.config
-        result = np.full(len(ends), np.nan, np.float32)
+        result = np.full((len(ends), config.block), np.nan, np.float32)
         inside = np.flatnonzero(ends - start >= config.history)
         for part in np.array_split(inside, max(1, len(inside) // 512)):
             rows = ends[part] - config.history + np.arange(config.history)[:, None]
             bank = LstmBank({name: self._networks[name]}, {name: range(len(part))}, len(part))
             if len(part):
-                result[part] = bank.run(x[rows])[-config.block :].mean(axis=0)
-        return result
+                result[part] = bank.run(x[rows])[-config.block :].T
+        return result.ravel()

@@ -33,7 +33,10 @@ _WORDS = ('controller', 'terrain')  # of a card, that say how a robot moved
 
 @dataclass(frozen=True)
 class Request:
-    """A model and the way that recordings are read; key is the hash of all of it."""
+    """A model and the way that recordings are read; key is the hash of all of it.
+
+    Who gives other settings gives another key.
+    """
 
     model: EffectModel
     catalogue: Catalogue

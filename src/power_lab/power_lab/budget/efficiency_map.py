@@ -38,7 +38,7 @@ class EfficiencyMap:
         shaft = (x[None] * y[:, None]).ravel()
         with np.errstate(divide='ignore', invalid='ignore'):
             ratio = np.where(shaft >= 0.0, shaft / power, power / shaft)
-        percent = 100.0 * np.clip(ratio, 0.0, 1.0).reshape(_GRID, _GRID)
+        percent = 100.0 * np.nan_to_num(np.clip(ratio, 0.0, 1.0)).reshape(_GRID, _GRID)
         every = slice(None, None, max(1, len(along) // _STATES))
         return cls(name, x, y, percent, np.stack([speed[every], along[every]], axis=1))
 

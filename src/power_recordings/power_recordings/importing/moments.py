@@ -32,24 +32,17 @@ def is_date(text: str) -> bool:
     return bool(_DATE_ALONE.fullmatch(text.strip())) and not is_time_of_day(text)
 
 
-def moments(texts: NDArray[Any], where: str, *, strict: bool = True) -> Stamps:
+def moments(texts: NDArray[Any], where: str) -> Stamps:
     """Return texts [N] in ns since 1970, or since midnight without a date; -1 for empty ones.
 
     Of dates with the year last the month comes first where a text has AM or PM or the second
-    number is no month. InputError, which begins with `where`, for a text that is no time; not
-    `strict`, for the first one only, others being -1.
+    number is no month. InputError, which begins with `where`, for a text that is no time.
     """
     given = ['' if text is None else str(text).strip() for text in texts.tolist()]
     month_first = any(map(_is_month_first, given))
-    stamps: list[int] = []
-    for text in given:
-        try:
-            stamps.append(_moment(text, month_first, where) if text else -1)
-        except InputError:
-            if strict or not stamps:
-                raise
-            stamps.append(-1)
-    return np.array(stamps, np.int64)
+    return np.array(
+        [_moment(text, month_first, where) if text else -1 for text in given], np.int64
+    )
 
 
 def unwrapped(times: Stamps, last: int) -> Stamps:

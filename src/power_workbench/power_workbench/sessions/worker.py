@@ -21,6 +21,7 @@ from power_lab.compare.comparison import compare
 from power_lab.session import Session
 from power_lab.structure.words import in_words, verdict_in_words
 from power_recordings.reading.bag_folder import find
+from wattwalk_core.console import finite
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, write_whole
 from wattwalk_core.yaml_file import SIZE
@@ -176,7 +177,7 @@ class SessionWorker:
             'efficiency': [one.json() for one in efficiency_maps(found)],
             'gait': None if cycle is None else cycle.json(),
         }
-        return {**key, 'content': content}
+        return {**key, 'content': finite(content)}
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
         """Write the page of the diagnosis; return its name."""

@@ -1,7 +1,6 @@
 """Node `sim_bridge`: the simulated robot in real time behind the CAN bus of the hardware."""
 
 import time
-from collections.abc import Collection, Sequence
 from threading import Event, Thread
 
 import numpy as np
@@ -12,71 +11,19 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from wattwalk_core.arrays import Floats
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.fault_log import FaultLog
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.services import offer
 
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
+from sim_bridge.live.joint_commands import joint_command
 from sim_bridge.live.node_parameters import NodeParameters
 from sim_bridge.live.publishing import SamplePublisher
 from sim_bridge.live.real_time import LivePlant
 from sim_bridge.offline.session import random_push
-from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import Simulation
 from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
-
-
-def joint_command(
-    joints: Sequence[str],
-    names: Sequence[str],
-    position: Sequence[float],
-    velocity: Sequence[float],
-    effort: Sequence[float],
-    absent: Collection[str] = (),
-) -> JointCommand:
-    """Return the command of a message's fields, in the order of joints.
-
-    An empty field commands nothing; a joint that is not named, or whose value is not finite,
-    is damped; joints that are absent may be named, to no effect, as on a bus where their drives
-    are missing. ValueError for unknown or repeated names and fields of another length.
-    """
-    places: list[int | None] = []
-    for name in names:
-        if name in absent and name not in joints:
-            places.append(None)
-            continue
-        if name not in joints:
-            raise ValueError(f'no joint {name!r}; there are {", ".join(joints)}')
-        places.append(joints.index(name))
-    there = [place for place in places if place is not None]
-    if len(set(there)) != len(there):
-        raise ValueError('a joint is named twice')
-    return JointCommand(
-        *(
-            _placed(field, values, places, len(joints))
-            for field, values in (
-                ('position', position),
-                ('velocity', velocity),
-                ('effort', effort),
-            )
-        )
-    )
-
-
-def _placed(
-    field: str, values: Sequence[float], places: Sequence[int | None], count: int
-) -> Floats | None:
-    if len(values) == 0:
-        return None
-    if len(values) != len(places):
-        raise ValueError(f'{field} has {len(values)} values for {len(places)} names')
-    result: Floats = np.full(count, np.nan)
-    for place, value in zip(places, values, strict=True):
-        if place is not None:
-            result[place] = value
-    return result
 
 
 class SimNode(Node):

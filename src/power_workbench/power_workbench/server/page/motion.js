@@ -4,25 +4,34 @@ import { choices, fill, h, percent, watts } from './dom.js';
 import { color, draw, pictures } from './plot.js';
 
 let type = '';
+let parts = null;
 
-/** Pictures of a budget { efficiency, gait } in a node; nothing where there are none. */
+function build(node) {
+  parts = {
+    map: h('div', { class: 'plot map', id: 'plot-efficiency' }), cycle: h('div', { class: 'plot map', id: 'plot-gait' }),
+    ways: h('div', { class: 'row' }), legend: h('ul', { class: 'legend' }),
+  };
+  parts.efficiency = h('div', {}, h('h3', {}, 'Efficiency over torque and speed'), parts.ways, parts.map,
+    h('p', { class: 'faint' }, 'By the model in steady motion; dots are states of the recording, driving above 0 and braking below.'), h('div', { class: 'row' }, pictures(parts.map, 'efficiency', 'Efficiency')));
+  parts.gait = h('div', {}, h('h3', {}, 'Power of one leg over the gait cycle'), parts.legend, parts.cycle,
+    h('p', { class: 'faint' }, 'From touch-down to touch-down, mean over legs and strides.'), h('div', { class: 'row' }, pictures(parts.cycle, 'gait', 'Gait cycle')));
+  fill(node, parts.efficiency, parts.gait);
+}
+
+/** Pictures of a budget { efficiency, gait } in a node; what a budget lacks is hidden. */
 export function motion(node, { efficiency, gait }, families) {
-  const map = efficiency.length ? h('div', { class: 'plot map', id: 'plot-efficiency' }) : null;
-  const cycle = gait ? h('div', { class: 'plot map', id: 'plot-gait' }) : null;
-  const ways = h('div', { class: 'row' });
-  const legend = h('ul', { class: 'legend' });
-  fill(node,
-    map ? h('div', {}, h('h3', {}, 'Efficiency over torque and speed'), ways, map, h('p', { class: 'faint' }, 'By the model in steady motion; dots are states of the recording, driving above 0 and braking below.'), h('div', { class: 'row' }, pictures(map, 'efficiency', 'Efficiency'))) : null,
-    cycle ? h('div', {}, h('h3', {}, 'Power of one leg over the gait cycle'), legend, cycle, h('p', { class: 'faint' }, 'From touch-down to touch-down, mean over legs and strides.'), h('div', { class: 'row' }, pictures(cycle, 'gait', 'Gait cycle'))) : null);
-  if (map) {
+  if (!parts) build(node);
+  parts.efficiency.hidden = !efficiency.length;
+  parts.gait.hidden = !gait;
+  if (efficiency.length) {
     if (!efficiency.some((one) => one.name === type)) type = efficiency[0].name;
     const show = () => {
-      if (efficiency.length > 1) fill(ways, choices('Drives', 'efficiency-of', efficiency.map((one) => ({ value: one.name, label: one.name })), type, (name) => { type = name; show(); }));
-      efficient(map, efficiency.find((one) => one.name === type));
+      fill(parts.ways, efficiency.length > 1 ? choices('Drives', 'efficiency-of', efficiency.map((one) => ({ value: one.name, label: one.name })), type, (name) => { type = name; show(); }) : null);
+      efficient(parts.map, efficiency.find((one) => one.name === type));
     };
     show();
   }
-  if (cycle) stride(cycle, legend, gait, families);
+  if (gait) stride(parts.cycle, parts.legend, gait, families);
 }
 
 function efficient(node, one) {

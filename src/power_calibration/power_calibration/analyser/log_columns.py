@@ -1,0 +1,108 @@
+"""Columns of a delimited log as numbers; dates and times of day as seconds."""
+
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.importing.sources.delimited import DelimitedFile
+from power_recordings.importing.sources.source import Progress
+from wattwalk_core.arrays import Floats
+from wattwalk_core.errors import InputError, quoted
+
+_DATE = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d')
+_DOTTED = re.compile(r'(\d\d)\.(\d\d)\.(\d{4})[T ](\d\d:\d\d.*)')
+_CLOCK = re.compile(r'\d{1,2}:\d\d:\d\d')
+_ZONE = re.compile(r' ?(Z|UTC|[+-]\d\d:?\d\d)$')
+
+
+def read_columns(
+    file: DelimitedFile, names: Sequence[str], progress: Progress
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return the named columns, time first, [N, K], and notes on what was left out.
+
+    Fields that are no numbers are NaN. Dates are s since 1970 in UTC (without a zone as if they
+    were UTC), times of day s since midnight. InputError for a time in another form.
+    """
+    blocks = list(file.read(names, progress))
+    columns = [
+        np.concatenate([_numbers(block.values[name], file.path, is_time) for block in blocks])
+        for name, is_time in zip(names, (True, *(False for _ in names[1:])), strict=True)
+    ]
+    rows = np.column_stack(columns)
+    if any(_CLOCK.match(_sample(block.values[names[0]])) for block in blocks):
+        rows[1:, 0] += 86_400 * np.cumsum(np.diff(rows[:, 0]) < -43_200)
+    return rows, tuple(note for block in blocks for note in block.notes)
+
+
+def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
+    if values.dtype.kind != 'O':
+        return np.asarray(values, np.float64)
+    texts: list[str | None] = values.tolist()
+    if not is_time:
+        return np.array([_number(text) for text in texts])
+    sample = _sample(values)
+    if _DATE.match(sample) or _DOTTED.match(sample):
+        return _dates(texts)
+    if _CLOCK.match(sample):
+        return _clocks(texts)
+    raise InputError(
+        f'{path}: time {quoted(sample)} is not understood; expected seconds, ISO 8601 such as '
+        '2025-06-15T14:00:00.000, DD.MM.YYYY HH:MM:SS or HH:MM:SS'
+    )
+
+
+def _sample(values: NDArray[np.generic]) -> str:
+    """First text of a column, '' for one of numbers."""
+    return next((text for text in values if text), '') if values.dtype.kind == 'O' else ''
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or 'nan')
+    except ValueError:
+        return np.nan
+
+
+def _dates(given: Sequence[str | None]) -> Floats:
+    texts = [_iso(text or '') for text in given]
+    zone = next(filter(None, map(_ZONE.search, texts)), None)
+    shift = 0.0
+    if zone is not None:
+        moved = datetime.fromisoformat(f'2000-01-01T00:00:00{zone[1].replace("UTC", "Z")}')
+        offset = moved.utcoffset()
+        shift = offset.total_seconds() if offset is not None else 0.0
+        texts = [_ZONE.sub('', text) for text in texts]
+    try:
+        stamps = np.array(texts, dtype='datetime64[ns]')
+    except ValueError:
+        stamps = np.array([_date(text) for text in texts], dtype='datetime64[ns]')
+    seconds = stamps.astype(np.int64) / 1e9 - shift
+    seconds[np.isnat(stamps)] = np.nan
+    return seconds
+
+
+def _iso(text: str) -> str:
+    text = text.strip().replace(',', '.')
+    dotted = _DOTTED.match(text)
+    return f'{dotted[3]}-{dotted[2]}-{dotted[1]}T{dotted[4]}' if dotted else text
+
+
+def _date(text: str) -> np.datetime64:
+    try:
+        return np.datetime64(text, 'ns')
+    except ValueError:
+        return np.datetime64('NaT')
+
+
+def _clocks(texts: Sequence[str | None]) -> Floats:
+    seconds = np.full(len(texts), np.nan)
+    for row, text in enumerate(texts):
+        try:
+            hours, minutes, rest = (text or '').replace(',', '.').split(':')
+            seconds[row] = 3600 * int(hours) + 60 * int(minutes) + float(rest)
+        except ValueError:
+            continue
+    return seconds
