@@ -1,5 +1,6 @@
 """Efficiency of a type of drives over torque and speed."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,7 +28,7 @@ class EfficiencyMap:
     states: Floats  # visited speeds and torques [V, 2]
 
     @classmethod
-    def of(cls, name: str, steady: Steady, state: dict[str, Floats]) -> 'EfficiencyMap':
+    def of(cls, name: str, steady: Steady, state: Mapping[str, Floats]) -> 'EfficiencyMap':
         """Evaluate a model of one drive where its rows have been: torque, velocity [N, D]."""
         torque, velocity = (state[key][:, steady.drive] for key in ('torque', 'velocity'))
         speed, along = np.abs(velocity), torque * np.sign(velocity)
@@ -52,5 +53,5 @@ class EfficiencyMap:
 
 def efficiency_maps(budget: Budget) -> list[EfficiencyMap]:
     """Map each type of drives of a budget."""
-    state = dict(budget.pictured.state)
+    state = budget.pictured.state
     return [EfficiencyMap.of(name, steady, state) for name, steady in budget.steady.items()]

@@ -2,7 +2,7 @@
 
 import { attempt, bench, choices, command, download, fill, find, get, h, percent, quantity, watts, whisker } from './dom.js';
 import { motion } from './motion.js';
-import { color, draw, pictures } from './plot.js';
+import { color, draw, keys, ofFamily, pictures } from './plot.js';
 
 const ALL = 'all';
 const LEAST = 0.002; // of the power, that is drawn as a flow
@@ -13,7 +13,6 @@ let by = '';
 let member = '';
 
 const words = (name) => name.replaceAll('_', ' ');
-const unlike = (name) => (name === 'unexplained' ? color('faint') : null);
 
 function build() {
   parts = {
@@ -96,12 +95,12 @@ export function stacked(node, legend, title, list) {
   const sums = list.map(([, rows]) => new Map(summed(rows)));
   const metered = list.map(([, rows]) => rows.reduce((sum, row) => sum + row.mean_w, 0));
   const seen = bench.known.families.filter((one) => sums.some((own) => Math.abs(own.get(one) || 0) > 1e-3));
-  fill(legend, seen.map((one) => { const key = h('i'); key.style.background = one.name === 'unexplained' ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  keys(legend, seen);
   node.style.height = `${5.5 + 2.1 * list.length}rem`;
   draw(node, `${title}: ${labels.map((name, index) => `${name} ${watts(metered[index])}`).join(', ')}.`, () => [[
     ...seen.map((one) => ({
       type: 'bar', orientation: 'h', y: labels, x: sums.map((own) => own.get(one) || 0), name: one.words,
-      marker: { color: unlike(one.name) || one.color, pattern: one.name === 'unexplained' ? { shape: '/', size: 6 } : undefined }, hovertemplate: `%{y}: %{x:.3~g} W<extra>${one.words}</extra>`,
+      marker: { color: ofFamily(one), pattern: one.name === 'unexplained' ? { shape: '/', size: 6 } : undefined }, hovertemplate: `%{y}: %{x:.3~g} W<extra>${one.words}</extra>`,
     })),
     { type: 'scatter', mode: 'markers', name: 'metered', y: labels, x: metered, marker: { symbol: 'line-ns', size: 22, line: { width: 3, color: color('text') } }, hovertemplate: '%{y}: %{x:.3~g} W metered<extra></extra>' },
   ], {
@@ -114,7 +113,7 @@ export function stacked(node, legend, title, list) {
 function flow(rows) {
   const sums = summed(rows);
   const metered = rows.reduce((sum, row) => sum + row.mean_w, 0);
-  const tone = (one) => () => unlike(one.name) || one.color;
+  const tone = (one) => () => ofFamily(one);
   const least = LEAST * sums.reduce((sum, [, value]) => sum + Math.max(value, 0), 0);
   const label = (name, value) => `${name.replace(/(.{13}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
   const flows = (list) => list.map(([name, value, colour]) => ({ value, colour, text: label(name, value) }));

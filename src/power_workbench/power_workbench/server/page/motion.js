@@ -1,7 +1,7 @@
 // Power over the motion: efficiency over torque and speed, and a leg's power over the gait cycle.
 
 import { choices, fill, h, percent, watts } from './dom.js';
-import { color, draw, pictures } from './plot.js';
+import { color, draw, keys, ofFamily, pictures } from './plot.js';
 
 let type = '';
 let parts = null;
@@ -49,13 +49,12 @@ function efficient(node, one) {
 /** Stacked areas: what a part takes upward, what it gives back downward. */
 function stride(node, legend, gait, families) {
   const shown = families.filter((one) => gait.families[one.name]?.some((value) => Math.abs(value) > 0.05));
-  const tone = (one) => (one.name === 'unexplained' ? color('faint') : one.color);
-  fill(legend, shown.map((one) => { const key = h('i'); key.style.background = one.name === 'unexplained' ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  keys(legend, shown);
   const mean = gait.metered.reduce((sum, value) => sum + value, 0) / gait.metered.length;
   draw(node, `Power of one leg over the gait cycle, ${watts(mean)} in the mean, ${watts(Math.max(...gait.metered))} at most.`, () => [[
     ...shown.flatMap((one) => [1, -1].map((sign) => ({
       type: 'scatter', mode: 'none', stackgroup: sign > 0 ? 'up' : 'down', x: gait.percent, y: gait.families[one.name].map((value) => (Math.sign(value) === sign ? value : 0)),
-      fillcolor: tone(one), name: one.words, hoverinfo: 'skip',
+      fillcolor: ofFamily(one), name: one.words, hoverinfo: 'skip',
     }))),
     { type: 'scatter', mode: 'lines', x: gait.percent, y: gait.metered, line: { color: color('text'), width: 2 }, name: 'metered', hovertemplate: '%{x:.0f} %: %{y:.3~g} W<extra>metered</extra>' },
   ], {

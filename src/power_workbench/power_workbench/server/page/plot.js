@@ -1,6 +1,6 @@
 // Plots in the page's colours; nothing but Plotly draws.
 
-import { h } from './dom.js';
+import { fill, h } from './dom.js';
 
 const colors = new Map();
 
@@ -8,6 +8,16 @@ const colors = new Map();
 export function color(name) {
   if (!colors.has(name)) colors.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
   return colors.get(name);
+}
+
+const HAS_NO_COLOR = 'unexplained';
+
+/** Colour of a family of a budget's parts. */
+export const ofFamily = (one) => (one.name === HAS_NO_COLOR ? color('faint') : one.color);
+
+/** Legend of families beside the meter's mark; its colours follow the theme. */
+export function keys(node, families) {
+  fill(node, families.map((one) => { const key = h('i'); key.style.background = one.name === HAS_NO_COLOR ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
 }
 
 const drawn = new Map();
