@@ -104,6 +104,7 @@ class Relief:
         return height
 
 
+_NEEDLESS: Final = mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_ISLAND
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
 _LIMBS: Final = tuple(f'{leg}_{part}' for leg in LEGS for part in ('THIGH', 'SHANK'))
 _MOST_TILT: Final = 1.0  # rad
@@ -167,6 +168,8 @@ class Robots:
             for geom in spec.geoms:
                 if geom.name in _LIMBS or geom.name.endswith('_HIP'):
                     geom.conaffinity = 0
+        # neither changes the motion: one robot is one island, and few of its bodies ever touch
+        spec.option.disableflags |= _NEEDLESS
         model = spec.compile()
         batch = self._batch = Batch(model, count, physics.threads)
         batch.expand('dof_damping')[:, 6:] = self.drives.joint_damping + self.drives.output_damping
