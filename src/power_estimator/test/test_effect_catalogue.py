@@ -123,6 +123,11 @@ def test_a_drive_alone_loses_its_share_of_what_the_bus_blocks():
     assert watts({'shaft': 1.0, 'regeneration_limit': 1.0}, given) == pytest.approx(-20.0)
 
 
+def test_power_beside_one_drive_is_that_of_all_others():
+    beside = OtherDrives.of(np.array([[-20.0, 30.0, -5.0]])).beside(np.array([[-5.0]]))
+    assert (beside.returned, beside.drawn) == (20.0, 10.0)
+
+
 def test_line_resistance_sees_the_power_that_all_others_draw():
     # 48 W at 48 V is 1 A
     found = watts({'shaft': 1.0, 'idle': 28.0, 'line_resistance': 0.5}, signals(10.0, 2.0))

@@ -126,18 +126,23 @@ class Session:
         changes: Mapping[str, float] | None = None,
         battery: float | None = None,
         seed: int = 0,
+        first: Callable[[Budget], None] | None = None,
     ) -> Budget:
         """Account for the metered power by effect, drive and phase, by the model or a chosen one.
 
-        changes: factors by lever, in place of 10 % of each; battery: Wh.
+        changes: factors by lever, in place of 10 % of each; battery: Wh; first: takes a first
+        look, which has no intervals, levers and error, before these are worked out.
         """
-        how: dict[str, Any] = {'changes': changes, 'battery': battery, 'seed': seed}
         if self.given is None:
             model = chosen_model(judge_of_pieces(self.judge), seed)
-            return budget(self.judge, model, chosen=True, **how)
-        if not self.effects.fitted:
-            return self.fit(self.effects.effects, name=self.effects.name).budget(**how)
-        return budget(self.judge, self.effects, **how)
+        elif self.effects.fitted:
+            model = self.effects
+        else:
+            model = self.fit(self.effects.effects, name=self.effects.name).effects
+        how: dict[str, Any] = {'chosen': self.given is None, 'battery': battery, 'seed': seed}
+        if first is not None:
+            first(budget(self.judge, model, draws=0, **how))
+        return budget(self.judge, model, changes=changes, **how)
 
     def diagnose(
         self, seed: int = 0, show: Callable[[str], None] = lambda text: None

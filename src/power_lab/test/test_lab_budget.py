@@ -33,6 +33,21 @@ def found(lab):
     return lab.budget(battery=100.0)
 
 
+def test_a_first_look_has_the_watts_of_the_budget_and_no_intervals(lab, found):
+    looks = []
+    again = lab.budget(battery=100.0, first=looks.append)
+    (first,) = looks
+    for early, late, last in zip(
+        first.account.rows(), again.account.rows(), found.account.rows(), strict=True
+    ):
+        assert early.mean_w == pytest.approx(late.mean_w)
+        assert late.mean_w == last.mean_w
+        assert np.isnan(early.interval).all()
+        assert np.isfinite(late.interval).all()
+    assert first.levers == ()
+    assert np.isnan(first.error_w)
+
+
 def test_parts_of_a_model_sum_to_its_power(lab):
     known = builtin_catalogue()
     names = (

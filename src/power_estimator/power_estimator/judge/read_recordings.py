@@ -56,7 +56,7 @@ class JudgedDrives:
 
     def of(self, recording: Recording) -> tuple[str, ...]:
         """Names of the drives that are judged, none for all."""
-        names = recording.joint_states().names if self.drives else ()
+        names = recording.joints if self.drives else ()
         return tuple(name for name in names if any(fnmatchcase(name, p) for p in self.drives))
 
 
@@ -76,17 +76,17 @@ class ReadRecordings:
 
 
 def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
-    """Read recordings in this process, which keeps them."""
+    """Read recordings in this process, which keeps their aligned signals alone."""
     recordings = open_recordings(paths)
     rate, joints = RATE, None
     if sum(recording.duration for recording in recordings) >= _LONG:
         rate = _coarsest(min(_period(recording) for recording in recordings))
     if len(recordings) > 1:
-        joints = _common([(r.path, r.joint_states().names) for r in recordings])
+        joints = _common([(r.path, r.joints) for r in recordings])
     data = load_aligned(recordings, rate=rate, smooth=False, drives=joints, need_power=False)
     return ReadRecordings(
         data,
-        recordings,
+        [recording.lighter() for recording in recordings],
         tuple(describe(recording.path) for recording in recordings),
         tuple(_doubt(recording, judged) for recording in recordings),
         tuple(_changes(recording, judged) for recording in recordings),
@@ -173,7 +173,7 @@ def _run(
 
 def _read(task: _ReadTask) -> _Part:
     recording = Recording.open(task.path)
-    own, period = tuple(recording.joint_states().names), _period(recording)
+    own, period = recording.joints, _period(recording)
     rate, joints = task.rate or _coarsest(period), task.joints or own
     data: AlignedDataset | InputError
     try:

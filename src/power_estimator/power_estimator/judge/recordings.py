@@ -66,7 +66,7 @@ class Loaded:
     @cached_property
     def unmetered(self) -> 'Loaded | None':
         """The same recordings with the joints that are not judged; None where there are none."""
-        joints = [recording.joint_states().names for recording in self.recordings]
+        joints = [recording.joints for recording in self.recordings]
         known = {*self.data.names}
         others = [
             name

@@ -132,10 +132,12 @@ class PartsOverTime:
 
 
 class Accounts:
-    """Power of a fitted model by part on the recordings of a judge."""
+    """Power of a fitted model by part on the recordings of a judge; count: of draws."""
 
-    def __init__(self, judge: Judge, model: EffectModel, seed: int = 0) -> None:
-        self.judge, self.model, self.seed = judge, model, seed
+    def __init__(
+        self, judge: Judge, model: EffectModel, seed: int = 0, count: int = DRAWS
+    ) -> None:
+        self.judge, self.model, self.seed, self._count = judge, model, seed, count
         self.prepared = judge.prepared
         names = self.prepared.signals.names
         found = owners(names, model.groups)
@@ -144,7 +146,7 @@ class Accounts:
                 raise InputError(f'{model.name} says nothing about {name}; fit it on that, too')
         self.members: list[DriveGroup] = [group for group in found if group is not None]
         self.coefficients = model.coefficients(self.members)
-        self.draws: Draws = coefficient_draws(judge, model, DRAWS, seed)
+        self.draws: Draws = coefficient_draws(judge, model, count, seed)
 
     @cached_property
     def signals(self) -> Signals:
@@ -284,7 +286,7 @@ class Accounts:
     def _often(self, count: int, index: int) -> Floats:
         own = self.judge.settings.fit.drawn_together
         together = 1 if self.prepared.steady else own
-        return drawn_blocks(count, DRAWS, together, self.seed + 1 + index)
+        return drawn_blocks(count, self._count, together, self.seed + 1 + index)
 
     def _add_groups(self, tallies: dict[str, Tally], whole: list[Tally], index: int) -> None:
         """Types of drives, and the robot with its electronics."""
@@ -309,7 +311,7 @@ class Accounts:
         """W [1 + R] that the robot draws beside its drives; None where that is not known."""
         loaded = self.judge.recordings
         data = loaded.data
-        joints = loaded.recordings[0].joint_states().names if loaded.recordings else data.names
+        joints = loaded.recordings[0].joints if loaded.recordings else data.names
         rest = data.supply.astype(np.float64) - data.power.sum(axis=1)
         known = np.isfinite(rest) & (data.recording == index)
         if not known.any() or not {*joints} <= {*data.names}:

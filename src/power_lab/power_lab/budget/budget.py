@@ -15,7 +15,7 @@ from power_estimator.judge.judge import Judge
 from wattwalk_core.arrays import Floats
 
 from power_lab.budget.account import Account, BudgetDifference
-from power_lab.budget.accounts import Accounts, PartsOverTime
+from power_lab.budget.accounts import DRAWS, Accounts, PartsOverTime
 from power_lab.budget.levers import Lever, saved
 from power_lab.budget.tables import headline, tables
 from power_lab.budget.tally import Tally, interval
@@ -147,15 +147,16 @@ def budget(
     changes: Mapping[str, float] | None = None,
     battery: float | None = None,
     seed: int = 0,
+    draws: int = DRAWS,
 ) -> Budget:
     """Account for the power of recordings by a fitted model.
 
     chosen: whether the model was; changes: factors by lever, in place of 10 % of each; battery:
-    Wh.
+    Wh; draws: of what is uncertain, 0 for a first look without intervals, levers and error.
     """
-    accounts = Accounts(judge, model, seed)
+    accounts = Accounts(judge, model, seed, draws)
     rows, tallies = accounts.tallies()
-    error_w = judge.score(model).rms_w
+    error_w = judge.score(model).rms_w if draws else np.nan
     phases = tuple(rows.masks)
     of_recordings = tuple(
         Account(known['name'], own, phases)
@@ -167,7 +168,7 @@ def budget(
         if all(member in own and own[member].rows == tallies[0][member].rows for own in tallies)
     }
     misfit = error_w / float(np.sqrt(np.nanmean(np.square(rows.metered))))
-    levers, refused = saved(accounts, changes or {}, misfit)
+    levers, refused = saved(accounts, changes or {}, misfit) if draws else ([], [])
     kinds = assign(rows.names, infer_types(rows.names))
     steady = {
         kind: Steady(own[0], model.structure, accounts.coefficients[own[:1]], seen)

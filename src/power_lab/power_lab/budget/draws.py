@@ -49,6 +49,7 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     Of recordings that it was fitted on: by the posterior, which allows for sensors, delay and what
     no formula explains; errors of the meter apart from them, by their intervals. Of other
     recordings, and of a model with a base or a prior: the intervals that it was stored with.
+    count: of draws; 0 asks for no posterior.
     """
     prepared, random = judge.prepared, np.random.default_rng(seed)
     names = prepared.signals.names
@@ -82,6 +83,9 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     errors = [[group.measurement[term.name] for term in terms] for group in by_meter]
     measured = np.array([[error.value for error in own] for own in errors])
     shifts = np.stack([_from_intervals(own, count, random) for own in errors], axis=1)
+    if not count:
+        drawn = np.empty((0, len(members), len(structure.labels)))
+        return Draws(drawn, drawn[..., 0], structure, point, terms, measured, shifts)
     fewest = 1 if prepared.whole else min(Counter(map(id, members)).values())
     seconds = max(_SECONDS / fewest, _LEAST_SECONDS)
     part = material.at_most(seconds).prepared

@@ -65,7 +65,10 @@ def interval(draws: Floats) -> Floats:
     """The 90 % interval of an estimate and its draws [1 + R, …], which holds the estimate.
 
     A draw in which a rare phase did not occur has NaN, and says nothing against the estimate.
+    NaN without draws.
     """
+    if len(draws) < 2:
+        return np.full((*draws.shape[1:], 2), np.nan)
     draws = np.where(np.isfinite(draws), draws, draws[:1])
     low, high = np.quantile(draws[1:], TAILS, axis=0)
     return np.stack([np.minimum(low, draws[0]), np.maximum(high, draws[0])], axis=-1)

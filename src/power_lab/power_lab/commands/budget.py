@@ -8,8 +8,6 @@ from wattwalk_core.files import together
 from power_lab.budget.levers import parse_changes
 from power_lab.commands import options as common
 from power_lab.compare.notes import notes
-from power_lab.report.budget_figures import write_figures
-from power_lab.report.budget_page import write_budget
 
 
 def run(options: argparse.Namespace) -> int:
@@ -27,8 +25,12 @@ def run(options: argparse.Namespace) -> int:
         if options.json is not None:
             write_json(options.json, found.json())
         if options.figures is not None:
+            from power_lab.report.budget_figures import write_figures  # matplotlib: 0.5 s, 20 MB
+
             write_figures(options.figures, found)
         if options.report is not None:
+            from power_lab.report.budget_page import write_budget  # matplotlib, too
+
             write_budget(options.report, found)
     for path in filter(None, (options.report, options.figures)):
         print(f'wrote {path}')

@@ -90,7 +90,7 @@ def align(
     """
     if rate not in RATES:
         raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
-    source = signals.RecordedSignals.of(recording, drives, need_power)
+    source = signals.RecordedSignals.of(recording.whole(), drives, need_power)
     if recording.card.steady:
         return operating_points(source, rate)
     segments = _Segments(source, rate, smooth)

@@ -96,6 +96,8 @@ class AlignedDataset:
         missing = [name for name in names if name not in self.names]
         if missing:
             raise KeyError(f'no drive {missing[0]!r}; there are {", ".join(self.names)}')
+        if tuple(names) == self.names:
+            return self
         columns = [self.names.index(name) for name in names]
         own = (*DRIVE_SIGNALS, *(('motor_current',) if self.motor_current is not None else ()))
         per_drive = {name: getattr(self, name)[:, columns] for name in own}

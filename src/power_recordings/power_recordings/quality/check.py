@@ -111,7 +111,7 @@ class Quality:
 @np.errstate(all='ignore')
 def check_recording(recording: Recording) -> Quality:
     """Check a recording; InputError where a topic is there but cannot be read."""
-    topics = {}
+    recording, topics = recording.whole(), {}
     for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
         if recording.has(name):
             topics[name] = timing(getattr(recording, name)().stamp_ns)

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self, TypeVar, cast
@@ -62,6 +62,7 @@ class Recording:
     _samples: Mapping[str, Samples]
     _breaks: Mapping[str, NDArray[np.int64]]
     _errors: Mapping[str, InputError]
+    _let_go: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # topics, with names
 
     @classmethod
     def open(cls, path: Path, most_messages: int | None = None, every: int = 1) -> Self:
@@ -145,13 +146,29 @@ class Recording:
         """Return the recording with the samples of a time alone; its span stays what it is."""
         samples = {
             name: part.rows(slice(*np.searchsorted(part.stamp_ns, [start_ns, end_ns])))
-            for name, part in self._samples.items()
+            for name, part in self.whole()._samples.items()
         }
-        return replace(self, _samples={name: part for name, part in samples.items() if len(part)})
+        some = {name: part for name, part in samples.items() if len(part)}
+        return replace(self, _samples=some, _let_go={})
+
+    def lighter(self) -> Self:
+        """Return the recording, opened whole, without its samples: `whole` reads them anew."""
+        names = {name: tuple(getattr(p, 'names', ())) for name, p in self._samples.items()}
+        return replace(self, _samples={}, _let_go=names)
+
+    def whole(self) -> Self:
+        """Return the recording with its samples, which are read once more if it let them go."""
+        return type(self).open(self.path) if self._let_go else self
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints in joint_states."""
+        kept = self._let_go.get('joint_states')
+        return tuple(self.joint_states().names) if kept is None else kept
 
     def has(self, name: str) -> bool:
         """Return whether there are messages of a topic."""
-        return name in self._samples or name in self._errors
+        return name in self._samples or name in self._errors or name in self._let_go
 
     def breaks(self, name: str) -> NDArray[np.int64]:
         """Return the stamps [ns] of samples of a topic before which samples were cut out."""
@@ -200,6 +217,8 @@ class Recording:
     def _get(self, name: str) -> Samples:
         if name in self._errors:
             raise self._errors[name]
+        if name in self._let_go:
+            return self.whole()._get(name)
         if name not in self._samples:
             there = ', '.join(n for n, topic in self.topics.items() if topic.count)
             raise InputError(f'{self.path} has no messages on topic {name!r}; there are: {there}')

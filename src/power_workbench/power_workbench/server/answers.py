@@ -88,7 +88,9 @@ def state(session: WorkbenchSession) -> dict[str, Any]:
 def budget_state(session: WorkbenchSession) -> dict[str, Any]:
     """Sentence of the budget, or its error, and its effects if chosen; empty until known."""
     found = session.budget or {}
-    told = {name: found[name] for name in ('headline', 'origin', 'error') if name in found}
+    told = {
+        name: found[name] for name in ('headline', 'origin', 'error', 'first') if name in found
+    }
     return told | ({'effects': found['effects']} if found.get('chosen') else {})
 
 

@@ -325,7 +325,8 @@ class WorkbenchSession:
     def _account(self) -> None:
         """Have the budget of the present model worked out while other work goes on."""
         key = self._key()
-        if key is None or key in self._seen.budgets:
+        known = self._seen.budgets.get(key)
+        if key is None or (known is not None and not known.get('first')):
             return
         if (key, self.runner.pid) == self._accounting:
             return

@@ -13,6 +13,7 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.judge.result import over_meters
 from power_estimator.loader import load_model
+from power_lab.budget.budget import Budget
 from power_lab.budget.efficiency_map import efficiency_maps
 from power_lab.budget.gait_cycle import GaitCyclePower
 from power_lab.budget.tables import headline
@@ -152,32 +153,42 @@ class SessionWorker:
             explained = {name: part.everywhere(own) for name, own in explained.items()}
         return Findings(content, explained)
 
-    def budget(self, source: Source, spec: str) -> dict[str, Any]:
-        """Energy budget by the model, or by a chosen one where the model has no effects.
+    def budget(self, show: Callable[[Mapping[str, Any]], None], source: Source, spec: str) -> None:
+        """Show the budget by the model, or by a chosen one where the model has no effects.
 
-        Runs in a thread of its own beside the other requests.
+        A first look without intervals comes first. Runs in a thread beside the other requests.
         """
-        key = {'source': source, 'spec': spec}
+
+        def tell(content: Mapping[str, Any]) -> None:
+            show({'source': source, 'spec': spec, 'content': finite(content)})
+
+        def told(found: Budget) -> dict[str, Any]:
+            return {
+                **found.json(),
+                'headline': headline(found.account, found.levers),
+                'robot': found.account.first,
+                'refused': found.refused,
+            }
+
+        def first(found: Budget) -> None:
+            tell({**told(found), 'origin': ', '.join(found.model.effects), 'first': True})
+
         try:
             lab = self._lab(lambda *_: None, source)
             own = lab.load(spec) if spec else lab
-            found = (own if isinstance(own.given, EffectModel) else lab).budget()
+            lab = own if isinstance(own.given, EffectModel) else lab
+            found = lab.budget(first=first)
         except InputError as error:
-            return {**key, 'content': {'error': str(error)}}
+            return tell({'error': str(error)})
         except Exception as error:
             traceback.print_exc()
-            return {**key, 'content': {'error': f'{type(error).__name__}: {error}'}}
+            return tell({'error': f'{type(error).__name__}: {error}'})
         cycle = GaitCyclePower.of(found.pictured)
-        content = {
-            **found.json(),
-            'headline': headline(found.account, found.levers),
-            'origin': found.origin,
-            'robot': found.account.first,
-            'refused': found.refused,
+        pictures = {
             'efficiency': [one.json() for one in efficiency_maps(found)],
             'gait': None if cycle is None else cycle.json(),
         }
-        return {**key, 'content': finite(content)}
+        return tell({**told(found), 'origin': found.origin, **pictures})
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
         """Write the page of the diagnosis; return its name."""

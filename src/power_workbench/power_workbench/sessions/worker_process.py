@@ -5,6 +5,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from functools import partial
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any
@@ -19,7 +20,7 @@ def main(descriptor: int) -> None:
 
     Kinds: `progress` a text, `view` a view before the end, `done` the result, `error` a line for
     the user, `failed` a traceback; `budget` an energy budget, which is worked out beside the other
-    requests. Ends with the other end of the pipe, at once.
+    requests, and before it a first look. Ends with the other end of the pipe, at once.
     """
     os.nice(_NICER)
     pipe = Connection(descriptor)
@@ -40,7 +41,7 @@ def main(descriptor: int) -> None:
 
     def account() -> None:
         while True:
-            show('budget', worker.budget(**_latest(budgets)))
+            worker.budget(partial(show, 'budget'), **_latest(budgets))
 
     threading.Thread(target=account, daemon=True).start()
     name, arguments = waiting.get()

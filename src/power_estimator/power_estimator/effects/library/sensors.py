@@ -55,7 +55,7 @@ TORQUE_BIAS = _measurement_error(
     physics='a zero error of the torque sensor',
     formula='b·(w + 2·k·torque)',
     terms=(Term('b', 'N·m', -0.5, 0.5, prior=0.25),),
-    regressors=lambda signals, **_: np.ones_like(signals.torque)[..., None],
+    regressors=lambda signals, **_: np.broadcast_to(1.0, (*signals.torque.shape, 1)),
     acts_on='torque',
     excitation=Excitation(
         'the same slow motion in both directions without load', speeds=(0.3, -0.3, 1.0, -1.0)

@@ -189,19 +189,24 @@ class Prepared:
         return np.where(turns, np.mod(position, 2 * np.pi), position)
 
 
-def _rows(values: Singles) -> Floats:
-    """Values [T, D] with the drives of a sample side by side, as all products have them."""
-    return np.ascontiguousarray(values, dtype=np.float64)
+def _columns(values: Singles) -> Floats:
+    """Values [T, D] with the samples of a drive side by side, so that one drive is no copy."""
+    return np.asfortranarray(values, dtype=np.float64)
 
 
 def signals_of(
     data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
 ) -> Signals:
     """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed."""
-    velocity, torque, position = _rows(data.velocity), _rows(data.torque), _rows(data.position)
+    velocity, torque, position = (
+        _columns(data.velocity),
+        _columns(data.torque),
+        _columns(data.position),
+    )
     if lag is not None:
         velocity = velocity + lag * _rate_of(velocity, data)
     acceleration = _rate_of(velocity, data)
+    nothing = np.broadcast_to(0.0, torque.shape)
     return Signals(
         rate=data.rate,
         names=data.names,
@@ -213,17 +218,17 @@ def signals_of(
         acceleration=acceleration,
         torque=torque,
         torque_rate=_rate_of(torque, data),
-        voltage=_rows(data.voltage),
-        temperature=_rows(data.temperature),
+        voltage=_columns(data.voltage),
+        temperature=_columns(data.temperature),
         motor_velocity=velocity,
         motor_acceleration=acceleration,
         motor_torque=torque,
-        torque_cost=np.zeros_like(torque),
-        electronics=np.zeros_like(torque),
+        torque_cost=nothing,
+        electronics=nothing,
         drawn=torque * velocity,
         scale=DriveScale.reference(len(data.names)) if scale is None else scale,
         at_motor=np.array([name in data.motor_torque for name in data.names], dtype=bool),
-        motor_current=None if data.motor_current is None else _rows(data.motor_current),
+        motor_current=None if data.motor_current is None else _columns(data.motor_current),
         steady=data.steady,
     )
 
@@ -296,8 +301,8 @@ def velocity_lag(data: AlignedDataset) -> Floats:
     reducer = Reducer(data.rate, _long_enough_data(data))
     if not reducer.slices:
         return np.zeros(len(data.names))
-    own = _rows(data.velocity)
-    rate = reducer.reduce(_rate_of(_rows(data.position), data))
+    own = _columns(data.velocity)
+    rate = reducer.reduce(_rate_of(_columns(data.position), data))
     velocity, acceleration = reducer.reduce(own), reducer.reduce(_rate_of(own, data))
     lags = np.zeros(len(data.names))
     for drive, name in enumerate(data.names):

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,16 +66,36 @@ class Past:
 
 @dataclass(frozen=True)
 class OtherDrives:
-    """Power that the other drives of a robot return to the bus together, and draw, W [T, 1]."""
+    """Power on the bus of a robot beside that of one of its drives, W [T, 1]."""
 
-    returned: Floats
-    drawn: Floats
+    _returned: Floats  # by all drives
+    _drawn: Floats  # by all drives
+    _own: Floats  # drawn by the one
 
     @classmethod
     def of(cls, drawn: Floats) -> 'OtherDrives':
         """Sum what drives draw, W [T, D]; negative where they return."""
         returned = np.maximum(0.0, -drawn).sum(axis=1, keepdims=True)
-        return cls(returned, drawn.sum(axis=1, keepdims=True))
+        total = drawn.sum(axis=1, keepdims=True)
+        return cls(returned, total, np.broadcast_to(0.0, total.shape))
+
+    def beside(self, own: Floats) -> 'OtherDrives':
+        """Leave out one of the drives, which draws so much, W [T, 1]."""
+        return replace(self, _own=own)
+
+    def rows(self, rows: NDArray[np.intp]) -> 'OtherDrives':
+        """Return the samples at rows."""
+        return OtherDrives(self._returned[rows], self._drawn[rows], self._own[rows])
+
+    @property
+    def returned(self) -> Floats:
+        """Power that the others return together."""
+        return self._returned - np.maximum(0.0, -self._own)
+
+    @property
+    def drawn(self) -> Floats:
+        """Power that the others draw together, less what they return."""
+        return self._drawn - self._own
 
 
 @dataclass(frozen=True)
@@ -117,7 +138,7 @@ class Signals:
         """Samples at rows, as pieces numbered anew by segment, with all before them as past."""
         past = Past(self.time, self.segment, self.recording, self.torque, rows)
         arrays = self._each_array(lambda values: values[rows])
-        others = self.others and OtherDrives(self.others.returned[rows], self.others.drawn[rows])
+        others = self.others and self.others.rows(rows)
         return replace(self, **arrays | {'segment': segment, 'past': past, 'others': others})
 
     def drive(self, index: int) -> 'Signals':
@@ -127,18 +148,25 @@ class Signals:
             past = replace(past, torque=np.ascontiguousarray(past.torque[:, index : index + 1]))
 
         def column(values: NDArray[Any]) -> NDArray[Any]:
-            of_drive = values.ndim == 2
-            return np.ascontiguousarray(values[:, index : index + 1]) if of_drive else values
+            if values.ndim < 2:
+                return values
+            own = values[:, index : index + 1]
+            return own if own.strides[0] in (0, own.itemsize) else np.ascontiguousarray(own)
 
-        rest = np.delete(self.drawn, index, axis=1)
         return replace(
             self,
             names=(self.names[index],),
             scale=self.scale.take([index]),
             past=past,
-            others=OtherDrives.of(rest) if rest.size else self.others,
+            others=self._together.beside(column(self.drawn))
+            if len(self.names) > 1
+            else self.others,
             **self._each_array(column) | {'at_motor': self.at_motor[[index]]},
         )
+
+    @cached_property
+    def _together(self) -> OtherDrives:
+        return OtherDrives.of(self.drawn)
 
     def _each_array(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> dict[str, Any]:
         """Return the arrays [T, …] changed by a function; fields that are one array stay one."""

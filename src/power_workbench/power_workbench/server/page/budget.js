@@ -17,18 +17,18 @@ const words = (name) => name.replaceAll('_', ' ');
 function build() {
   parts = {
     origin: h('p', { class: 'faint' }), ways: h('div', { class: 'row' }), bars: h('div', { class: 'plot', id: 'plot-budget' }),
-    flow: h('div', { class: 'plot', id: 'plot-flow' }), levers: h('div'), table: h('div'), more: h('div', { class: 'row' }),
+    flow: h('div', { class: 'plot', id: 'plot-flow' }), uncertain: h('div', { class: 'pair' }), levers: h('div'), table: h('div'), more: h('div', { class: 'row' }),
     hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }), apart: h('div'), motion: h('div', { class: 'pair' }),
   };
   parts.battery = h('input', { type: 'number', min: 0, step: 'any', 'aria-label': 'Battery in Wh', oninput: hours });
-  fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars), parts.flow),
-    h('div', { class: 'pair' }, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table)), parts.motion, parts.apart, parts.more);
+  fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars), parts.flow), parts.uncertain, parts.motion, parts.apart, parts.more);
+  fill(parts.uncertain, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table));
 }
 
 export async function update() {
   const { budget, opened, at, view } = bench.state;
   find('budget').hidden = !view || view.share < 1;
-  find('budget-body').setAttribute('aria-busy', String(!budget.headline));
+  find('budget-body').setAttribute('aria-busy', String(!budget.headline || Boolean(budget.first)));
   if (!budget.headline) {
     const words_ = budget.error ? `No budget: ${budget.error}.` : 'Working out where the power goes, beside whatever else is done…';
     if (parts) parts.origin.textContent = words_;
@@ -43,7 +43,7 @@ export async function update() {
   found = news;
   if (!parts) build();
   render();
-  motion(parts.motion, found, bench.known.families);
+  if (!found.first) motion(parts.motion, found, bench.known.families);
 }
 
 /** Rows of the shown member by what the bars stand for: their name and parts. */
@@ -76,12 +76,15 @@ function render() {
   if (!names.includes(member)) member = found.robot;
   const { lists, whole } = groups();
   if (!lists[by]) [by] = Object.keys(lists);
-  parts.origin.textContent = `${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. Intervals are of 90 %; where the model lacks an effect, they hold less often.`;
+  const intervals = found.first ? 'Intervals, and what would change it, follow…' : 'Intervals are of 90 %; where the model lacks an effect, they hold less often.';
+  parts.origin.textContent = `${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. ${intervals}`;
   fill(parts.ways,
     by ? choices('Bars by', 'budget-by', Object.keys(lists).map((way) => ({ value: way, label: way })), by, (way) => { by = way; render(); }) : null,
     names.length > 1 ? h('label', {}, 'flows and parts of ', h('select', { onchange: (event) => { member = event.target.value; render(); } }, names.map((name) => h('option', { value: name, selected: name === member }, name)))) : null);
   stacked(parts.bars, parts.legend, `Mean power by ${by || 'part'}`, by ? lists[by] : [[member, whole]]);
   flow(whole);
+  parts.uncertain.hidden = Boolean(found.first);
+  if (found.first) return;
   levers();
   table(whole);
   differences();
