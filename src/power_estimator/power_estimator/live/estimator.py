@@ -126,11 +126,12 @@ class EffectStream(WindowStream):
         window, count = self._with_past(block), len(block.time)
         base = window.extras.get('base')
         found = self._effects.by_part(window, base=base, carried=self._carried)
-        power = np.full(block.torque.shape, np.nan, np.float32)
-        if found:
-            power[:] = sum(values[-count:] for values in found.values())
-        self.parts = {name: values[-count:].mean(axis=0) for name, values in found.items()}
-        return power
+        if not found:
+            self.parts = {}
+            return np.full(block.torque.shape, np.nan, np.float32)
+        parts = np.stack([values[-count:] for values in found.values()])
+        self.parts = dict(zip(found, parts.mean(axis=1), strict=True))
+        return parts.sum(axis=0).astype(np.float32)
 
     def outside(self, margin: float) -> bool:
         """Return whether the base model finds the last block outside its training data."""

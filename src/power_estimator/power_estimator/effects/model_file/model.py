@@ -120,6 +120,19 @@ class DriveGroup:
 
 
 @dataclass(frozen=True)
+class KnownDrives:
+    """Drives of some data that a model knows, with what it says of them."""
+
+    columns: list[int]
+    names: tuple[str, ...]
+    groups: list[DriveGroup]
+    coefficients: Floats  # [D, m]
+    lag: Floats  # s [D]
+    copper: Floats  # W/(N·m)² [D]
+    scale: DriveScale
+
+
+@dataclass(frozen=True)
 class EffectModel:
     """Active effects and, once fitted, their coefficients by drive type or by drive.
 
@@ -192,6 +205,8 @@ class EffectModel:
             return {}
         order, coefficients, signals, layer = seen
         parts = split(self.structure, coefficients, signals, layer, slopes=False).parts
+        if len(order) == len(data.names):
+            return dict(parts)
         found = {name: np.full(data.torque.shape, np.nan) for name in parts}
         for name, values in parts.items():
             found[name][:, order] = values
@@ -213,28 +228,45 @@ class EffectModel:
             if self.base_model is None:
                 raise InputError(f'{self.name}: its base model {self.base} is not loaded')
             base = self.base_model.predict(data)
-        found = owners(data.names, self.groups)
-        order = [column for column, group in enumerate(found) if group is not None]
-        members = [group for group in found if group is not None]
-        if not members:
+        known = self._known(data.names)
+        if not known.names:
             return None
-        used = _with_voltage(data.drives([data.names[i] for i in order]), members)
+        used = _with_voltage(data.drives(known.names), known.groups)
         used = with_torque(
             used,
             {
                 n: _constant(n, g)
-                for n, g in zip(used.names, members, strict=True)
+                for n, g in zip(used.names, known.groups, strict=True)
                 if n in used.current_as_torque
             },
         )
-        lag = np.array([group.velocity_lag for group in members])
-        scale = DriveScale.stack([group.scale for group in members])
-        signals = replace(signals_of(used, lag, scale), carried=carried)
+        signals = replace(signals_of(used, known.lag, known.scale), carried=carried)
         layer = None
         if base is not None:
-            copper = np.array([group.copper for group in members])
-            layer = BasePower(np.asarray(base[:, order], dtype=np.float64), copper)
-        return order, self.coefficients(members), signals, layer
+            power = np.asarray(base[:, known.columns], dtype=np.float64)
+            layer = BasePower(power, known.copper)
+        return known.columns, known.coefficients, signals, layer
+
+    def _known(self, names: tuple[str, ...]) -> KnownDrives:
+        if names not in self._known_by_names:
+            found = enumerate(owners(names, self.groups))
+            pairs = [(column, group) for column, group in found if group is not None]
+            columns, groups = [column for column, _ in pairs], [group for _, group in pairs]
+            self._known_by_names[names] = KnownDrives(
+                columns,
+                tuple(names[column] for column in columns),
+                groups,
+                self.coefficients(groups),
+                np.array([group.velocity_lag for group in groups]),
+                np.array([group.copper for group in groups]),
+                DriveScale.stack([group.scale for group in groups]),
+            )
+        return self._known_by_names[names]
+
+    @cached_property
+    def _known_by_names(self) -> dict[tuple[str, ...], KnownDrives]:
+        """Kept, since a live estimate asks for the same drives with each block of samples."""
+        return {}
 
     def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
         """Return the coefficients of an effect; fixed ones have an interval of width 0."""

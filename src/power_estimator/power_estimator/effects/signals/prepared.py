@@ -203,9 +203,10 @@ def signals_of(
         _columns(data.torque),
         _columns(data.position),
     )
+    stretches = [*data.segments()]
     if lag is not None:
-        velocity = velocity + lag * _rate_of(velocity, data)
-    acceleration = _rate_of(velocity, data)
+        velocity = velocity + lag * rate_of(velocity, stretches, data.rate)
+    acceleration = rate_of(velocity, stretches, data.rate)
     nothing = np.broadcast_to(0.0, torque.shape)
     return Signals(
         rate=data.rate,
@@ -217,7 +218,7 @@ def signals_of(
         velocity=velocity,
         acceleration=acceleration,
         torque=torque,
-        torque_rate=_rate_of(torque, data),
+        torque_rate=rate_of(torque, stretches, data.rate),
         voltage=_columns(data.voltage),
         temperature=_columns(data.temperature),
         motor_velocity=velocity,
@@ -334,7 +335,9 @@ def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
     out = np.zeros_like(values)
     for part in stretches:
         if part.stop - part.start > 2:
-            out[part] = np.gradient(values[part], 1.0 / rate, axis=0)
+            own, change = values[part], out[part]
+            change[1:-1] = (own[2:] - own[:-2]) * (rate / 2.0)
+            change[[0, -1]] = (own[[1, -1]] - own[[0, -2]]) * rate
     return out
 
 
