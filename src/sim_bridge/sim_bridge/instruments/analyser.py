@@ -40,26 +40,23 @@ class AnalyserParameters:
 
 
 class Analyser:
-    """Logger of the voltage, current and power of one drive.
+    """Logger of the voltage, current and power of the first drive.
 
     Between the plant's steps of 0.5 ms, which are means, voltage and current follow a spline that
     keeps every mean; the ripple within a step has none, so that meter and analyser see one truth.
     """
 
-    def __init__(
-        self, parameters: AnalyserParameters, clock: DeviceClock, drive: int = 0, seed: int = 0
-    ) -> None:
-        """clock: of the plant's steps. drive: column of the world's drives."""
+    def __init__(self, parameters: AnalyserParameters, clock: DeviceClock, seed: int = 0) -> None:
+        """clock: of the plant's steps."""
         self._given = parameters
         self._clock = clock
-        self._drive = drive
         self._random = np.random.default_rng([seed, 0xA7A1])
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 
     def watch(self, block: PlantBlock) -> None:
         """Add the next block."""
-        current = block.power[:, self._drive] / block.voltage
-        self._blocks.append((block.voltage.copy(), current, block.position[:, self._drive].copy()))
+        current = block.power[:, 0] / block.voltage
+        self._blocks.append((block.voltage.copy(), current, block.position[:, 0].copy()))
 
     def rows(self) -> Floats:
         """Return the log: time s (of its own clock), V, A, W [N, 4]."""

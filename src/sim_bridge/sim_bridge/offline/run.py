@@ -144,13 +144,12 @@ class OfflineRun:
         seed: int,
         drives: Sequence[str] | None = None,
         pushes: bool = False,
-        bus: BusDescription | None = None,
         watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
         """Make a run.
 
-        drives: those whose power is metered, all if None. bus: the shipped one if None. watch: is
-        shown every block of the plant, as an instrument beside the meter.
+        drives: those whose power is metered, all if None. watch: is shown every block of the
+        plant, as an instrument beside the meter.
         """
         if not 0.1 <= duration <= 36_000.0:
             raise InputError(f'duration is {duration!r}; it must lie in 0.1..36000 s')
@@ -160,7 +159,7 @@ class OfflineRun:
         self.controller = controller.name
         self.joints = world.joints
         self.drives = tuple(world.joints if drives is None else drives)
-        self.bus = BusDescription.load() if bus is None else bus
+        self.bus = BusDescription.load()
         simulation = Simulation(plant, world)
         instruments = Instruments(simulation, seed)
         warmth = simulation.circuit.temperature.winding.copy()
@@ -307,6 +306,6 @@ def write_bag(
     return tuple(events)
 
 
-def simulate_recording(run: OfflineRun, name: str = 'simulation') -> Recording:
+def simulate_recording(run: OfflineRun) -> Recording:
     """Return a run as a recording in memory, without diagnostics and card."""
-    return gather(name, list(run), run.joints, run.drives)
+    return gather('simulation', list(run), run.joints, run.drives)

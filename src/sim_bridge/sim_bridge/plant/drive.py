@@ -77,11 +77,6 @@ class Trace:
     cogging: Floats  # N·m
     output: Floats  # N·m, handed to the joint (before the inertia of a rigidly coupled rotor)
 
-    @classmethod
-    def of(cls, values: Floats) -> 'Trace':
-        """Return the trace whose signals are views of values [6, B, D]."""
-        return cls(*values)
-
 
 class Drives:
     """Mechanical side of D drives, stepped beside the rigid-body simulation.
@@ -104,7 +99,7 @@ class Drives:
         self.names = tuple(names)
         self.parameters = p
         self._signals = np.zeros((6, block, len(names)))
-        self.trace = Trace.of(self._signals)
+        self.trace = Trace(*self._signals)
         self.friction = Friction(plant, p, step)
         self.inertia: Floats = p['rotor_inertia'] * effects.rotor_inertia.scale
         self.elastic = effects.spring.enabled
