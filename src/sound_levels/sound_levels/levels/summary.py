@@ -8,12 +8,17 @@ from wattwalk_core.console import finite
 from sound_levels.levels.analysis import Analysis
 from sound_levels.levels.statistics import ENOUGH, Levels
 
-LEVEL_COLUMNS = ('Leq', 'L10', 'L50', 'L90', 'max')
+LEVEL_COLUMNS = ('policy', 'files', 'counted s', 'Leq', 'L10', 'L50', 'L90', 'max')
 
 
-def level_cells(found: Levels) -> list[str]:
-    """Return the cells of LEVEL_COLUMNS."""
-    return [f'{v:.1f}' for v in (found.leq, found.l10, found.l50, found.l90, found.max)]
+def level_rows(analysis: Analysis) -> list[list[str]]:
+    """Return the cells of LEVEL_COLUMNS for each policy."""
+    rows = []
+    for name in analysis.policies:
+        seconds, *figures = asdict(analysis.levels(name)).values()
+        files = str(len(analysis.of(name)))
+        rows.append([name, files, f'{seconds:.0f}', *(f'{figure:.1f}' for figure in figures)])
+    return rows
 
 
 def sentences(analysis: Analysis) -> list[str]:

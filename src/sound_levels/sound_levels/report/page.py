@@ -13,7 +13,7 @@ from wattwalk_core.pages.page import Page
 
 from sound_levels.levels.analysis import Analysis, Take
 from sound_levels.levels.statistics import decibels
-from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences
+from sound_levels.levels.summary import LEVEL_COLUMNS, level_rows, sentences
 
 COLOURS = {False: ('#0072B2', *OTHERS), True: ('#56B4E9', *OTHERS)}
 DASHES = ('-', (0, (5, 1.5)), (0, (1.5, 1)), '-.')
@@ -129,11 +129,7 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
     words = 'level over time and third-octave spectrum by policy'
     page.add(embedded(lambda dark: draw_sound(analysis, dark=dark), words))
     page.heading('Levels')
-    rows = []
-    for name in analysis.policies:
-        found = analysis.levels(name)
-        rows.append((name, f'{found.seconds:.0f}', *level_cells(found)))
-    page.table(('policy', 'counted s', *LEVEL_COLUMNS), rows, numbers=range(1, 7))
+    page.table(LEVEL_COLUMNS, level_rows(analysis), numbers=range(1, 8))
     page.text(
         f'In {analysis.unit}. Leq is the mean by energy; L10, L50 and L90 are exceeded for 10, 50 '
         'and 90 % of the time.',
