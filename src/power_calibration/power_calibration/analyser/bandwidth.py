@@ -65,7 +65,10 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
     rate = 1.0 / ours.period
     fast = reference.period < 0.4 / rate
     limit = 0.45 * rate if fast else 0.1 * min(rate, 1.0 / reference.period)
-    smooth = _band_limited(reference, 0.5 * rate) if fast else reference
+    smooth = reference
+    if fast:  # flat to 0.9 of half our rate, nothing from 1.1 of it
+        taps = low_pass(1.0 / reference.period, 0.45 * rate, 0.55 * rate)
+        smooth = reference.filtered(taps)
     sums: list[Floats] = []
     count = 0.0
     for time, values in ours.runs:
@@ -114,17 +117,13 @@ def _averaging(reference: Curve, frequency: Floats) -> tuple[Floats, Floats]:
 
 def _combined(samples: Response, means: Response) -> Response:
     """Return one response whose interval covers both."""
-    first, second = samples.cutoff, means.cutoff
+    known = [one.cutoff for one in (samples, means) if one.cutoff is not None]
     cutoff = None
-    if first is not None and second is not None:
-        middle = 0.5 * (first.value + second.value)
-        cutoff = IntervalEstimate(middle, min(first.low, second.low), max(first.high, second.high))
-    elif first is not None or second is not None:
-        known = first if first is not None else second
-        assert known is not None
-        cutoff = IntervalEstimate(
-            known.value, known.low, max(known.high, samples.reach, means.reach)
-        )
+    if known:
+        ends = [one.high for one in known]
+        ends += [samples.reach, means.reach] if len(known) == 1 else []
+        middle = sum(one.value for one in known) / len(known)
+        cutoff = IntervalEstimate(middle, min(one.low for one in known), max(ends))
     return replace(
         samples,
         magnitude=0.5 * (samples.magnitude + means.magnitude),
@@ -142,11 +141,6 @@ def _aliased(reference: Curve, frequency: Floats, rate: float) -> Floats:
     there, above = np.interp(frequency, at, smooth), np.interp(rate - frequency, at, smooth)
     share: Floats = np.sqrt(above / there) * frequency / (rate - frequency)
     return share
-
-
-def _band_limited(curve: Curve, limit: float) -> Curve:
-    """Return the curve up to a frequency in Hz: flat to 0.9 of it, nothing from 1.1 of it."""
-    return curve.filtered(low_pass(1.0 / curve.period, 0.9 * limit, 1.1 * limit))
 
 
 def _low_frequency_gain(frequency: Floats, magnitude: Floats, error: Floats) -> float:
