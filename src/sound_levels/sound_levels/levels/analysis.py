@@ -178,15 +178,9 @@ class Analysis:
         """Return the takes of a policy."""
         return [take for take in self.takes if take.policy == policy]
 
-    def levels(self, policy: str) -> Levels:
-        """Return the levels of a policy in the unit."""
-        return self._shifted(levels([take.stretch for take in self.of(policy)]))
-
-    def take_levels(self, take: Take) -> Levels:
-        """Return the levels of one take in the unit."""
-        return self._shifted(levels([take.stretch]))
-
-    def _shifted(self, found: Levels) -> Levels:
+    def levels(self, takes: Sequence[Take]) -> Levels:
+        """Return the levels of takes together in the unit."""
+        found = levels([take.stretch for take in takes])
         shifted = {k: v + self.shift for k, v in asdict(found).items() if k != 'seconds'}
         return Levels(seconds=found.seconds, **shifted)
 

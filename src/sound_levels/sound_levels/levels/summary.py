@@ -15,9 +15,10 @@ def level_rows(analysis: Analysis) -> list[list[str]]:
     """Return the cells of LEVEL_COLUMNS for each policy."""
     rows = []
     for name in analysis.policies:
-        seconds, *figures = asdict(analysis.levels(name)).values()
-        files = str(len(analysis.of(name)))
-        rows.append([name, files, f'{seconds:.0f}', *(f'{figure:.1f}' for figure in figures)])
+        takes = analysis.of(name)
+        seconds, *figures = asdict(analysis.levels(takes)).values()
+        cells = (f'{figure:.1f}' for figure in figures)
+        rows.append([name, str(len(takes)), f'{seconds:.0f}', *cells])
     return rows
 
 
@@ -64,7 +65,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
                 'rate_hz': take.sound.rate,
                 'seconds': take.sound.seconds,
                 'counted': take.why,
-                **_levels(analysis.take_levels(take)),
+                **_levels(analysis.levels([take])),
                 'recording': None if take.recording is None else str(take.recording),
                 'alignment': take.alignment and finite(asdict(take.alignment)),
                 'warnings': list(take.warnings),
@@ -75,7 +76,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
             {
                 'name': name,
                 'files': [str(take.path) for take in analysis.of(name)],
-                **_levels(analysis.levels(name)),
+                **_levels(analysis.levels(analysis.of(name))),
                 'third_octaves': {f'{k:g}': round(v, 2) for k, v in analysis.bands(name).items()},
             }
             for name in analysis.policies

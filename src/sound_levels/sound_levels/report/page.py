@@ -85,7 +85,8 @@ def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
 
 
 def _curve(axis: Axes, analysis: Analysis, name: str, line: dict[str, Any]) -> None:
-    take, found = analysis.of(name)[0], analysis.levels(name)
+    takes = analysis.of(name)
+    take, found = takes[0], analysis.levels(takes)
     time, level, mean = curve(analysis, take)
     shown = time <= _SHOWN
     axis.plot(time[shown], level[shown], lw=0.8, alpha=0.45, **{**line, 'ls': '-'})
@@ -96,16 +97,13 @@ def _curve(axis: Axes, analysis: Analysis, name: str, line: dict[str, Any]) -> N
 def _spectrum_axis(axis: Axes, analysis: Analysis, ink: str) -> None:
     bands = max((list(analysis.bands(name)) for name in analysis.policies), key=len)
     ticks = [i for i, band in enumerate(bands) if i % 3 == 0]
-    axis.set_xticks(ticks, [_hertz(bands[i]) for i in ticks])
+    labels = [f'{b / 1e3:g}k' if b >= 1e3 else f'{b:g}' for b in (bands[i] for i in ticks)]
+    axis.set_xticks(ticks, labels)
     axis.set_xlabel('third-octave band [Hz]')
     letter = analysis.settings.weighting
     axis.set_ylabel(f'level [{analysis.unit.replace(f"({letter})", "")}]')
     axis.set_title('Spectrum, unweighted', loc='left', fontsize=11)
     axis.legend(loc='lower center', frameon=False, fontsize=8, ncols=4, labelcolor=ink)
-
-
-def _hertz(frequency: float) -> str:
-    return f'{frequency / 1e3:g}k' if frequency >= 1e3 else f'{frequency:g}'
 
 
 def write_sound_report(path: Path, analysis: Analysis) -> None:
