@@ -57,8 +57,7 @@ class PlantBlock:
     @property
     def current(self) -> Floats:
         """Current at the power meter, A [B, D]."""
-        current: Floats = self.power / self.voltage[:, None]
-        return current
+        return self.power / self.voltage[:, None]
 
 
 class Simulation:

@@ -129,13 +129,10 @@ class EL3102(SlaveController):
     def enter(self, state: int) -> None:
         """Convert when SAFE-OP is reached."""
         if state == SlaveState.SAFEOP:
-            self._convert()
+            self.inputs_read()
 
     def inputs_read(self) -> None:
-        """Convert after each frame that fetches the inputs."""
-        self._convert()
-
-    def _convert(self) -> None:
+        """Convert, as after each frame that fetches the inputs."""
         if self.faults.frozen:
             return
         self._toggle ^= 0x8000
