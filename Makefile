@@ -1,4 +1,4 @@
-# make setup | demo | demo QUICK=1 | test | test-fast | coverage | test-ros | lint | docs | wheels | bench | bench-lab | bench-real
+# make setup | demo | demo QUICK=1 | test | test-fast | coverage | test-ros | lint | docs | wheels | bench | bench QUICK=1 | bench-lab | bench-real
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -89,8 +89,12 @@ wheels: setup
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
+# Some of them: BENCHES=speed. QUICK=1: 30 s of acquisition, not 10 min, and a log of 100 MB, not 1 GB.
+BENCHES ?= commands_start speed real_runtime estimator policies acquisition
 bench: setup
-	$(BIN)/python bench/run.py
+	code=0; for name in $(BENCHES); do echo; echo "── $$name"; \
+	case "$${name}$(QUICK)" in speed) how='--mb 1000';; acquisition1) how='--seconds 30';; *) how=;; esac; \
+	$(BIN)/python bench/$$name.py $$how || { echo "failed: $$name" >&2; code=1; }; done; exit $$code
 
 bench-lab: setup
 	$(BIN)/python bench/reliability.py --sources plants robot logs blind

@@ -97,15 +97,14 @@ def row(name: str, found: Walks, policies: tuple[str, ...]) -> str:
     entries = list(pairs.values())
     watts = np.mean([a['power_w']['supply'] for a, _ in entries])
     share = np.mean([a['power_w']['KFE'] / a['power_w']['supply'] for a, _ in entries])
-    fast = [np.mean([_fast(entry) for entry in own]) for own in zip(*entries, strict=True)]
+    fast = [
+        np.mean([entry['smoothness']['kfe_torque_above_20_hz'] for entry in own])
+        for own in zip(*entries, strict=True)
+    ]
     return (
         f'| {name} | {watts:.0f} W | {share:.0%} | {fast[0]:.1%}, {fast[1]:.1%} | '
         f'{" | ".join(cells)} |'
     )
-
-
-def _fast(entry: Mapping[str, Any]) -> float:
-    return float(entry['smoothness']['kfe_torque_above_20_hz'])
 
 
 def walks(*entries: Mapping[str, Any]) -> bool:

@@ -9,7 +9,7 @@ truth within the interval of 95 %, and how far off the estimates are.
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, pi
 from pathlib import Path
 
@@ -36,16 +36,8 @@ from wattwalk_core.console import output, print_table
 DRIVE = 'LF_KFE'
 
 
-@dataclass(frozen=True)
-class CalibrationTruth:
-    """True values of the estimates; offset in s, drift in ppm, bandwidth in Hz."""
-
-    voltage_gain: float
-    current_gain: float
-    current_offset: float
-    offset: float
-    drift: float
-    bandwidth: float
+Estimated = tuple[IntervalEstimate, float, float, str]
+"""An estimate, the truth, what to multiply both by, and the unit of that."""
 
 
 def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[PlantBlock]:
@@ -82,8 +74,10 @@ def bandwidth(meter: MeterParameters) -> float:
     return float(frequency[np.argmax(answer < np.sqrt(0.5))])
 
 
-def trial(blocks: Sequence[PlantBlock], seed: int) -> tuple[AnalyserComparison, CalibrationTruth]:
-    """One meter against one analyser."""
+def trial(
+    blocks: Sequence[PlantBlock], seed: int
+) -> tuple[AnalyserComparison, dict[str, Estimated]]:
+    """One meter against one analyser: the comparison, and its estimates beside the truth."""
     random = np.random.default_rng([seed, 7])
     plant = Plant.load('anymal_c').unit(seed + 1)
     drift, shift, ours = (random.uniform(*ends) for ends in ((-80, 80), (-9000, 9000), (5, 30)))
@@ -104,15 +98,23 @@ def trial(blocks: Sequence[PlantBlock], seed: int) -> tuple[AnalyserComparison, 
     found = compare_with_analyser(measured, log)
     at = (found.fit.clock.centre + log.start - shift) / (1.0 + 1e-6 * drift)
     start = (measured.start_ns - START_NS) / 1e9
-    gain = float(parameters['current_gain'][0])
-    return found, CalibrationTruth(
-        voltage_gain=1.0 / float(parameters['voltage_gain'][0]),
-        current_gain=1.0 / gain,
-        current_offset=-float(parameters['current_offset'][0]) / gain,
-        offset=at + latency(plant.meter) - start - found.fit.clock.centre,
-        drift=float(drift),
-        bandwidth=bandwidth(plant.meter),
-    )
+    errors = {name: float(values[0]) for name, values in parameters.items()}
+    gain, offset = errors['current_gain'], errors['current_offset']
+    late = at + latency(plant.meter) - start - found.fit.clock.centre
+    channels = found.channels
+    made = {
+        'current gain': (channels['current'].gain, 1.0 / gain, 1e6, 'ppm'),
+        'current offset': (channels['current'].offset, -offset / gain, 1e3, 'mA'),
+        'time offset': (found.fit.offset, late, 1e6, 'µs'),
+        'drift': (found.drift_ppm, float(drift), 1.0, 'ppm'),
+    }
+    if 'voltage' in channels:
+        made['voltage gain'] = (channels['voltage'].gain, 1 / errors['voltage_gain'], 1e6, 'ppm')
+        if not channels['voltage'].fixed:
+            made['voltage offset'] = (channels['voltage'].offset, 0.0, 1e3, 'mV')
+    if found.response is not None and found.response.cutoff is not None:
+        made['bandwidth'] = (found.response.cutoff, bandwidth(plant.meter), 1.0, 'Hz')
+    return found, made
 
 
 def _recording(
@@ -139,26 +141,6 @@ def _recording(
     return Recording.in_memory('bench', {'drive_supply': samples})
 
 
-def estimates(
-    found: AnalyserComparison, truth: CalibrationTruth
-) -> dict[str, tuple[IntervalEstimate, float, float, str]]:
-    """By name: the estimate, the truth, what to multiply both by, and the unit of that."""
-    channels = found.channels
-    made = {
-        'current gain': (channels['current'].gain, truth.current_gain, 1e6, 'ppm'),
-        'current offset': (channels['current'].offset, truth.current_offset, 1e3, 'mA'),
-        'time offset': (found.fit.offset, truth.offset, 1e6, 'µs'),
-        'drift': (found.drift_ppm, truth.drift, 1.0, 'ppm'),
-    }
-    if 'voltage' in channels:
-        made['voltage gain'] = (channels['voltage'].gain, truth.voltage_gain, 1e6, 'ppm')
-        if not channels['voltage'].fixed:
-            made['voltage offset'] = (channels['voltage'].offset, 0.0, 1e3, 'mV')
-    if found.response is not None and found.response.cutoff is not None:
-        made['bandwidth'] = (found.response.cutoff, truth.bandwidth, 1.0, 'Hz')
-    return made
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -168,12 +150,12 @@ def main() -> None:
     parser.add_argument('--frequency', type=float, metavar='HZ')
     options = parser.parse_args()
     blocks = plant_blocks(options.motion, options.seconds, options.frequency)
-    rows: dict[str, list[tuple[IntervalEstimate, float, float, str]]] = {}
+    rows: dict[str, list[Estimated]] = {}
     errors = []
     for seed in track(range(options.seeds), description='meters'):
-        found, truth = trial(blocks, seed)
+        found, made = trial(blocks, seed)
         errors.append((found.before, found.after))
-        for name, row in estimates(found, truth).items():
+        for name, row in made.items():
             rows.setdefault(name, []).append(row)
     cells = []
     for name, found_rows in rows.items():

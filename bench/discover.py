@@ -155,9 +155,8 @@ def _goal(name: str, count: int, of: int, goal: str) -> str:
 
 def table(rows: Iterable[Mapping[str, Any]]) -> Table:
     """Table of the verdicts on each hidden effect."""
-    made = Table(title='blind benchmark of discover')
-    for column in ('hidden', 'motion', 'runs', 'kind right', 'halved', 'said'):
-        made.add_column(column)
+    columns = ('hidden', 'motion', 'runs', 'kind right', 'halved', 'said')
+    made = Table(*columns, title='blind benchmark of discover')
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
     for row in rows:
         if 'error' not in row:

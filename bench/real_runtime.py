@@ -8,14 +8,14 @@ sink in another process. Each of the four ways round is measured, one after the 
 
 import argparse
 import json
-import os
-import subprocess
 import sys
 import time
 from array import array
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import rclpy
@@ -27,6 +27,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from wattwalk_core.console import output, print_table
+from wattwalk_core.processes import ChildProcess
 
 from drive_power_msgs.msg import DriveSupply
 
@@ -181,29 +182,17 @@ def measure(source: str, sink: str, seconds: float, domain: int) -> dict[str, fl
     came out of order.
     """
     start = {'embedded': runtimes.embedded, 'ROS 2': runtimes.real}
-    environment = {
-        **os.environ,
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(domain),
-    }
-    commands = (start[sink](HERE, '--role', 'sink'), start[source](HERE, '--role', 'source'))
-    processes = [
-        subprocess.Popen(
-            [*command, '--seconds', str(seconds)],
-            stdout=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
-        for command in commands
-    ]
+    environment = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': str(domain)}
     figures: dict[str, float] = {}
-    try:
+    with TemporaryDirectory() as folder, ExitStack() as running:
+        processes = []
+        for role, runtime in (('sink', sink), ('source', source)):
+            command = start[runtime](HERE, '--role', role, '--seconds', str(seconds))
+            process = ChildProcess(command, Path(folder) / f'{role}.log', environment)
+            processes.append(running.enter_context(process))
         for process in processes:
-            output, _ = process.communicate(timeout=seconds + 120.0)
-            figures |= json.loads(output.strip().splitlines()[-1])
-    finally:
-        for process in processes:
-            process.kill()
+            process.succeed(seconds + 120.0)
+            figures |= json.loads(next(line for line in process.lines if line.startswith('{')))
     figures['lost'] = sum(figures[f'{name} sent'] - figures[f'{name} received'] for name in RATES)
     return figures
 

@@ -136,10 +136,6 @@ class Soak:
         self.figures = {'daq': daq, 'supply': supply}
         return found
 
-    def close(self) -> None:
-        """End all that runs."""
-        self.system.close()
-
 
 def run(seconds: float, folder: Path, output: Path | None, console: Console) -> bool:
     """Run a soak, print and write its account; whether all sums close."""
@@ -153,7 +149,7 @@ def run(seconds: float, folder: Path, output: Path | None, console: Console) -> 
             usage = soak.system.usage()
             found = soak.accounts()
         finally:
-            soak.close()
+            soak.system.close()
     text = markdown(found)
     console.print(text, markup=False, highlight=False, soft_wrap=True)
     closes = all(one.closes for one in found)

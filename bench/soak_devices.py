@@ -67,10 +67,6 @@ class Kept:
         """Number of samples measured."""
         return len(self.times)
 
-    def withhold(self, why: str, number: int) -> None:
-        """Note a sample that never went on the wire."""
-        self.withheld.setdefault(why, []).append(number)
-
 
 class SoakDrives:
     """Twelve drives at 1 kHz and 400 Hz on a Unix-socket bus that can be switched off.
@@ -163,7 +159,7 @@ class SoakDrives:
             if index is not None:
                 self.kept[name].times.append(now)
                 if why:
-                    self.kept[name].withhold(why, index)
+                    self.kept[name].withheld.setdefault(why, []).append(index)
 
     def _put(self, messages: list[can.Message]) -> str:
         """Send; why nobody got it, or ''."""

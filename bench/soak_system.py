@@ -33,17 +33,6 @@ def until(condition: Callable[[], object], what: str) -> None:
         raise SoakError(f'{what} never came')
 
 
-class SoakProcess(ChildProcess):
-    """A node in a process of its own, on the clock that can be stepped."""
-
-    def __init__(self, command: str, arguments: Sequence[str], clock: Path, log: Path) -> None:
-        super().__init__([sys.executable, str(_SHIM), str(clock), command, *arguments], log)
-
-    def memory(self) -> int:
-        """Return the resident memory [B]."""
-        return int(psutil.Process(self.pid).memory_info().rss)
-
-
 class Diagnostics:
     """The newest figures of each part of each node."""
 
@@ -84,10 +73,14 @@ class Take:
     """One recording: its process, and how much had been measured when it was ready and ended."""
 
     path: Path
-    process: SoakProcess
+    process: ChildProcess
     begun: dict[str, int]
     ended: dict[str, int]
     how: str = 'stopped'
+
+
+def _memory_mb(process: ChildProcess) -> float:
+    return float(psutil.Process(process.pid).memory_info().rss) / 1e6
 
 
 def fill_disk(take: Take) -> None:
@@ -115,10 +108,12 @@ class System:
                 'power_daq.commands.arguments:supply', ['--ros-args', *instrument], 'supply'
             ),
         }
-        self.used: dict[str, tuple[float, float, int]] = {}
+        self.used: dict[str, tuple[float, float, float]] = {}
 
-    def _start(self, command: str, arguments: Sequence[str], name: str) -> SoakProcess:
-        return SoakProcess(command, arguments, self.folder / 'clock', self.folder / f'{name}.log')
+    def _start(self, function: str, arguments: Sequence[str], name: str) -> ChildProcess:
+        """Start a command on the clock that can be stepped."""
+        command = [sys.executable, str(_SHIM), str(self.folder / 'clock'), function, *arguments]
+        return ChildProcess(command, self.folder / f'{name}.log')
 
     def measured(self) -> dict[str, int]:
         """Samples by stream that the devices have measured by now."""
@@ -152,7 +147,7 @@ class System:
     def mark(self) -> None:
         """Count processor time and memory from now on."""
         now = time.monotonic()
-        self.used = {n: (now, p.cpu_seconds(), p.memory()) for n, p in self.nodes.items()}
+        self.used = {n: (now, p.cpu_seconds(), _memory_mb(p)) for n, p in self.nodes.items()}
 
     def usage(self) -> dict[str, dict[str, float]]:
         """Share of a core and growth of memory (MB) of each node since the mark."""
@@ -160,8 +155,8 @@ class System:
         return {
             name: {
                 'cpu_percent': 100.0 * (self.nodes[name].cpu_seconds() - cpu) / (now - since),
-                'memory_mb': self.nodes[name].memory() / 1e6,
-                'memory_grown_mb': (self.nodes[name].memory() - memory) / 1e6,
+                'memory_mb': _memory_mb(self.nodes[name]),
+                'memory_grown_mb': _memory_mb(self.nodes[name]) - memory,
             }
             for name, (since, cpu, memory) in self.used.items()
         }

@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from unittest.mock import patch
 
 os.environ['OMP_NUM_THREADS'] = '1'
 
@@ -29,7 +29,6 @@ from power_recordings.writing.writer import BagWriter
 from sim_bridge.live.frames import FrameEncoder
 from sim_bridge.live.real_time import BLOCK
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
-from sim_bridge.plant import simulation as simulation_module
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import STEP, Simulation
@@ -53,30 +52,20 @@ def cpu_seconds(call: Callable[[], object]) -> float:
     return time.process_time() - begin
 
 
-class TimedSteps:
-    """The module mujoco, whose `mj_step` counts the seconds that it takes."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(mujoco, name)
-
-    def mj_step(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Step."""
-        begin = time.thread_time()
-        mujoco.mj_step(model, data)
-        self.seconds += time.thread_time() - begin
-
-
 def rigid_body_ratio(seconds: float) -> float:
     """CPU time of a walk into memory over that of the rigid bodies' steps alone."""
     run = walking_run(Plant.load('anymal_c'), duration=seconds, seed=1)
-    steps, former = TimedSteps(), simulation_module.mujoco
-    simulation_module.mujoco = steps
-    spent = cpu_seconds(lambda: simulate_recording(run))
-    simulation_module.mujoco = former
-    return spent / steps.seconds
+    step, stepping = mujoco.mj_step, 0.0
+
+    def timed(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        nonlocal stepping
+        begin = time.thread_time()
+        step(model, data)
+        stepping += time.thread_time() - begin
+
+    with patch.object(mujoco, 'mj_step', timed):
+        spent = cpu_seconds(lambda: simulate_recording(run))
+    return spent / stepping
 
 
 def live_share(seconds: float) -> float:

@@ -178,23 +178,26 @@ SCORES = {
 }
 
 
-def judge(own: Plan, count: int, cache: Path) -> dict[str, Any]:
-    """Run `track` on one history and score it."""
-    start = time.process_time()
-    fits = history(own, count, cache)
-    fitted = time.process_time()
-    drives = histories(fits)
-    result = search(drives, CATALOGUE)
+def judge(seed: int, count: int, cache: Path) -> dict[str, Any]:
+    """Run `track` on the history of a seed, on one core, and score it."""
+    own = plan(seed, count)
+    with threadpool_limits(limits=1):
+        start = time.process_time()
+        drives = histories(history(own, count, cache))
+        fitted = time.process_time()
+        result = search(drives, CATALOGUE)
+        grown = [drives[growth.drive].drive for growth in growths(drives)]
+        ended = time.process_time()
     row: dict[str, Any] = {
         **own.__dict__,
         'found': [_told(finding, result) for finding in result.findings],
-        'grown': [drives[growth.drive].drive for growth in growths(drives)],
+        'grown': grown,
         'explained': [
             (result.models[e.drive].history.drive, e.change.hypothesis, e.covariate)
             for e in result.explained
         ],
         'seconds_fits': round(fitted - start, 2),
-        'seconds_search': round(time.process_time() - fitted, 2),
+        'seconds_search': round(ended - fitted, 2),
     }
     if own.kind != 'quiet':
         row |= _scored(own, result)
@@ -248,12 +251,6 @@ def _scored(own: Plan, result: Search) -> dict[str, Any]:
     }
 
 
-def judge_seed(seed: int, count: int, cache: Path) -> dict[str, Any]:
-    """Run `track` on the history of a seed, on one core, and score it."""
-    with threadpool_limits(limits=1):
-        return judge(plan(seed, count), count, cache)
-
-
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
@@ -266,7 +263,7 @@ def main() -> None:
     options = parser.parse_args()
     console, rows = Console(), []
     seeds = range(options.first, options.first + options.histories)
-    judged = partial(judge_seed, count=options.recordings, cache=options.cache)
+    judged = partial(judge, count=options.recordings, cache=options.cache)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with TaskEngine(Workplace.of(options)) as engine:
         found = engine.in_order(judged, seeds, ('power_lab', 'power_estimator', 'track'))
@@ -300,6 +297,6 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 
 if __name__ == '__main__':
-    from track import main as named  # workers import `judge_seed` by the name of its module
+    from track import main as named  # workers import `judge` by the name of its module
 
     named()

@@ -25,9 +25,9 @@ from power_estimator.live.change_watch import ChangeWatch, WatchConfig
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from truth_circuit import NAMES, Truth, record
 from wattwalk_core.arrays import Floats
+from wattwalk_core.console import output, print_table
 
 _EFFECTS = BASES['core']
 _PIECE = 600.0  # s of a recording
@@ -128,19 +128,18 @@ def main() -> None:
         options.out.write_text(json.dumps(rows, indent=1))
     hours = sum(row['quiet_hours'] for row in rows)
     false = sum(len(row['false_alarms']) for row in rows)
-    table = Table('figure', 'value')
-    table.add_row('quiet hours of motion', f'{hours:.1f}')
-    table.add_row('false alarms', f'{false}')
-    table.add_row('false alarms allowed', f'{hours / _MONTH * options.allowed:.2f}')
     right = [row for row in rows if row['told'] and row['told']['drive'] == row['drive']]
-    table.add_row(
-        'Coulomb friction +50 %: told of the right drive', f'{len(right)} of {len(rows)}'
-    )
     named = [row for row in right if 'coulomb_friction' in row['told']['like']]
-    table.add_row('Coulomb friction among the likely causes', f'{len(named)} of {len(right)}')
     times = sorted(row['told']['s'] for row in right)
-    table.add_row('time to the alarm, s of motion', ', '.join(str(time) for time in times))
-    Console().print(table)
+    figures = {
+        'quiet hours of motion': f'{hours:.1f}',
+        'false alarms': f'{false}',
+        'false alarms allowed': f'{hours / _MONTH * options.allowed:.2f}',
+        'Coulomb friction +50 %: told of the right drive': f'{len(right)} of {len(rows)}',
+        'Coulomb friction among the likely causes': f'{len(named)} of {len(right)}',
+        'time to the alarm, s of motion': ', '.join(map(str, times)),
+    }
+    print_table(output(), ('figure', 'value'), list(figures.items()))
 
 
 if __name__ == '__main__':

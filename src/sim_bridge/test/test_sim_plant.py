@@ -90,4 +90,3 @@ def test_effects_switch_and_scale_by_name():
         {'idle': False, 'fan': 2.5, 'cogging': {'enabled': True, 'strength': 0.5}}
     )
     assert (effects.idle.scale, effects.fan.scale, effects.cogging.scale) == (0.0, 2.5, 0.5)
-    assert all(effect.scale == 0.0 for _, effect in Effects.none())

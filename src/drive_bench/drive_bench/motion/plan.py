@@ -23,7 +23,7 @@ _STEP = 1e-3  # s, of the integral of speed
 
 
 class WavePath(SegmentPath):
-    """Targets of a segment with a shape; in position mode after the way to its middle.
+    """Targets of a segment with a shape or swing; in position mode after the way to its middle.
 
     Half cosines join levels of position, ramps those of speed and torque; squares of position and
     torque jump. Under torque commands the position is unknown beforehand.
@@ -36,7 +36,7 @@ class WavePath(SegmentPath):
         abrupt = math.isinf(ramps.acceleration)
         self._wave: Oscillation | None = None
         self._levels: LevelSequence | None = None
-        if segment.shape in ('sine', 'chirp'):
+        if segment.swings or segment.shape in ('sine', 'chirp'):
             lowest = segment.lowest if segment.shape == 'chirp' else 0.0
             self._wave = Oscillation(segment.frequency, segment.seconds, lowest, abrupt)
         else:
@@ -237,7 +237,7 @@ def _check_mounting(segment: Segment, mounting: Mounting, where: str) -> None:
 
 def path_of(segment: Segment, start: float, mounting: Mounting, ramps: Ramps) -> SegmentPath:
     """Return the path of one segment for a joint that starts at a position, rad."""
-    kind = WavePath if segment.shape and not segment.swings else SegmentPath
+    kind = WavePath if segment.waves else SegmentPath
     return kind(_settled(segment), start, mounting, ramps)
 
 

@@ -123,8 +123,7 @@ class SegmentPath:
     @property
     def extent(self) -> tuple[float, float]:
         """Lowest and highest target, rad."""
-        swing = abs(self.segment.amplitude) if self.segment.swings else 0.0
-        ends = [self._start, self._goal - swing, self._goal + swing, self.end]
+        ends = [self._start, self._goal, self.end]
         if self.segment.alternates:
             ends.append(self._low)
         return min(ends), max(ends)
@@ -136,15 +135,8 @@ class SegmentPath:
             return self._turning(time)
         if time < self.way_seconds:
             return self._on_the_way(time)
-        since = time - self.way_seconds
-        if segment.swings:
-            turns = segment.frequency * since
-            left = segment.frequency * (self.seconds - time)
-            share = 1.0 if math.isinf(self._ramps.acceleration) else min(1.0, turns, left)
-            swing = share * segment.amplitude * math.sin(2.0 * math.pi * turns)
-            return Target(self._goal + swing)
         if segment.alternates:
-            return self._alternating(since)
+            return self._alternating(time - self.way_seconds)
         return Target(self._goal, effort=segment.held if self._locked else 0.0)
 
     def _on_the_way(self, time: float) -> Target:

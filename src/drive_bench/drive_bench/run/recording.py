@@ -53,7 +53,8 @@ class RecorderProcess:
             return ''
         if code < 0:
             return f'the recorder was ended by {signal.Signals(-code).name}'
-        return f'the recorder ended: {self._last_line()}'
+        last = self._process.last_line
+        return f'the recorder ended: {last.partition("record: ")[2] or last}'
 
     def stop(self) -> tuple[str, ...]:
         """End it in good order and return the lines of its summary."""
@@ -61,10 +62,6 @@ class RecorderProcess:
         self._process.end(_PATIENCE, [signal.SIGINT])
         lines = self._process.output[place:].splitlines()
         return tuple(line for line in lines if line.strip())
-
-    def _last_line(self) -> str:
-        last = self._process.last_line
-        return last.partition('record: ')[2] or last
 
 
 def file_away(

@@ -1,6 +1,7 @@
 """Bandwidth of the meter against a reference, and the power above it."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from power_recordings.alignment.filters import low_pass
@@ -65,7 +66,10 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
     rate = 1.0 / ours.period
     fast = reference.period < 0.4 / rate
     limit = 0.45 * rate if fast else 0.1 * min(rate, 1.0 / reference.period)
-    smooth = _band_limited(reference, 0.5 * rate) if fast else reference
+    smooth = reference
+    if fast:  # flat to 0.9 of half our rate, nothing from 1.1 of it
+        taps = low_pass(1.0 / reference.period, 0.45 * rate, 0.55 * rate)
+        smooth = reference.filtered(taps)
     sums: list[Floats] = []
     count = 0.0
     for time, values in ours.runs:
@@ -87,23 +91,29 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
     cross, first, second = np.sum(sums, axis=0) / count
     usable = (frequency > 1.0) & (frequency < limit)
     bands = np.array_split(np.flatnonzero(usable), max(1, int(usable.sum()) // _BINS))
-    f, h, gamma = [], [], []
+    points = []
     for band in bands:
         phase = np.exp(1j * np.angle(cross[band]))
         sxy = np.abs((cross[band] / phase).sum())
         sxx, syy = float(first[band].real.sum()), float(second[band].real.sum())
-        f.append(float((frequency[band] * first[band].real).sum() / sxx))
-        h.append(sxy / sxx)
-        gamma.append(min(sxy**2 / (sxx * syy), 1.0 - 1e-9))
-    magnitude, coherence = np.array(h), np.array(gamma)
+        middle = float((frequency[band] * first[band].real).sum() / sxx)
+        points.append((middle, sxy / sxx, min(sxy**2 / (sxx * syy), 1.0 - 1e-9)))
+    f, magnitude, coherence = np.array(points).T
     error = magnitude * np.sqrt((1.0 - coherence) / (2.0 * count * coherence))
-    error = np.hypot(error, magnitude * _aliased(reference, np.array(f), rate)) if fast else error
-    scale = _low_frequency_gain(np.array(f), magnitude, error)
-    samples, means = (
-        _cutoff(np.array(f), magnitude * c, error * c, coherence, np.random.default_rng(0))
-        for c in (c / scale for c in _averaging(reference, np.array(f)))
+    error = np.hypot(error, magnitude * _aliased(reference, f, rate)) if fast else error
+    gains = np.array(_averaging(reference, f)) / _low_frequency_gain(f, magnitude, error)
+    samples, means = gains * magnitude
+    (first_cut, reach), (second_cut, further) = (
+        _cutoff(f, gain * magnitude, gain * error, coherence) for gain in gains
     )
-    return _combined(samples, means)
+    return Response(
+        frequency=f,
+        magnitude=0.5 * (samples + means),
+        error=np.hypot(gains[0] * error, 0.5 * (samples - means)),
+        coherence=coherence,
+        cutoff=_both([first_cut, second_cut], max(reach, further)),
+        reach=reach,
+    )
 
 
 def _averaging(reference: Curve, frequency: Floats) -> tuple[Floats, Floats]:
@@ -112,25 +122,16 @@ def _averaging(reference: Curve, frequency: Floats) -> tuple[Floats, Floats]:
     return mean / np.sinc(frequency * reference.period / reference.rows), mean
 
 
-def _combined(samples: Response, means: Response) -> Response:
-    """Return one response whose interval covers both."""
-    first, second = samples.cutoff, means.cutoff
-    cutoff = None
-    if first is not None and second is not None:
-        middle = 0.5 * (first.value + second.value)
-        cutoff = IntervalEstimate(middle, min(first.low, second.low), max(first.high, second.high))
-    elif first is not None or second is not None:
-        known = first if first is not None else second
-        assert known is not None
-        cutoff = IntervalEstimate(
-            known.value, known.low, max(known.high, samples.reach, means.reach)
-        )
-    return replace(
-        samples,
-        magnitude=0.5 * (samples.magnitude + means.magnitude),
-        error=np.hypot(samples.error, 0.5 * (samples.magnitude - means.magnitude)),
-        cutoff=cutoff,
-    )
+def _both(cutoffs: Sequence[IntervalEstimate | None], reach: float) -> IntervalEstimate | None:
+    """Return an estimate whose interval covers all that are known; reach: where others lie, Hz."""
+    known = [one for one in cutoffs if one is not None]
+    if not known:
+        return None
+    ends = [one.high for one in known]
+    if len(known) < len(cutoffs):
+        ends.append(reach)
+    middle = sum(one.value for one in known) / len(known)
+    return IntervalEstimate(middle, min(one.low for one in known), max(ends))
 
 
 def _aliased(reference: Curve, frequency: Floats, rate: float) -> Floats:
@@ -140,13 +141,7 @@ def _aliased(reference: Curve, frequency: Floats, rate: float) -> Floats:
     at, power = welch(longest, 1.0 / reference.period, nperseg=size)
     smooth = np.convolve(power, np.ones(_BINS) / _BINS, 'same')
     there, above = np.interp(frequency, at, smooth), np.interp(rate - frequency, at, smooth)
-    share: Floats = np.sqrt(above / there) * frequency / (rate - frequency)
-    return share
-
-
-def _band_limited(curve: Curve, limit: float) -> Curve:
-    """Return the curve up to a frequency in Hz: flat to 0.9 of it, nothing from 1.1 of it."""
-    return curve.filtered(low_pass(1.0 / curve.period, 0.9 * limit, 1.1 * limit))
+    return np.sqrt(above / there) * frequency / (rate - frequency)
 
 
 def _low_frequency_gain(frequency: Floats, magnitude: Floats, error: Floats) -> float:
@@ -157,20 +152,15 @@ def _low_frequency_gain(frequency: Floats, magnitude: Floats, error: Floats) -> 
 
 
 def _cutoff(
-    frequency: Floats,
-    magnitude: Floats,
-    error: Floats,
-    coherence: Floats,
-    random: np.random.Generator,
-) -> Response:
-    """Return the response with its −3 dB point, from bands that are coherent."""
+    frequency: Floats, magnitude: Floats, error: Floats, coherence: Floats
+) -> tuple[IntervalEstimate | None, float]:
+    """Return the −3 dB point, from bands that are coherent, and their highest frequency, Hz."""
     good = (coherence > _COHERENT) & (magnitude > 0.05)
+    reach = float(frequency[good].max(initial=0.0))
     if good.sum() < _ORDER + 2:
-        reach = float(frequency[good].max(initial=0.0))
-        return Response(frequency, magnitude, error, coherence, None, reach)
+        return None, reach
     f, m = frequency[good], magnitude[good]
     relative = np.maximum(error[good] / m, 0.003)
-    reach = float(f.max())
     unit = (f / reach) ** 2
     powers = np.stack([unit**n for n in range(1, _ORDER + 1)], axis=1) / relative[:, None]
     dense = np.linspace(0.0, 1.0, 1001)
@@ -187,14 +177,13 @@ def _cutoff(
     powers = powers / max(1.0, spread)
     middle = crossing(np.log(m))
     if np.isnan(middle):
-        return Response(frequency, magnitude, error, coherence, None, reach)
+        return None, reach
+    random = np.random.default_rng(0)
     drawn = [
         crossing(np.log(m) + relative * random.standard_normal(len(m))) for _ in range(_DRAWS)
     ]
     low, high = np.quantile(np.where(np.isnan(drawn), reach, drawn), (0.025, 0.975)).tolist()
-    return Response(
-        frequency, magnitude, error, coherence, IntervalEstimate(middle, low, high), reach
-    )
+    return IntervalEstimate(middle, low, high), reach
 
 
 def loss(log: Log, above: float) -> Loss | None:

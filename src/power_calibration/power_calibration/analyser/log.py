@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
+from scipy.ndimage import binary_opening
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import advice
@@ -104,11 +105,33 @@ class Log:
         return cls.of(path, names, rows, notes)
 
     @classmethod
-    def of(
-        cls, path: Path, names: Sequence[str], rows: Floats, notes: Sequence[str] = ()
-    ) -> 'Log':
-        """Make a log of rows [N, K]: time and the named quantities, in s, V, A and W."""
-        return _checked(path, names, rows, notes)
+    def of(cls, path: Path, names: Sequence[str], rows: Floats, told: Sequence[str] = ()) -> 'Log':
+        """Make a log of rows [N, K]: time and the named quantities, in s, V, A and W.
+
+        told: notes of whoever read them. InputError as of `read`.
+        """
+        notes = list(told)
+        whole = np.isfinite(rows).all(axis=1)
+        lost = int((~whole).sum())
+        if lost:
+            notes.append(f'{lost} of {len(rows)} rows have a field that is no number; left out')
+        number = np.flatnonzero(whole)
+        rows = rows[whole]
+        back = rows[:, 0] < np.maximum.accumulate(rows[:, 0])
+        if back.any():
+            notes.append(f'{int(back.sum())} rows whose time runs backwards left out')
+            rows, number = rows[~back], number[~back]
+        if len(rows) < _FEWEST:
+            raise InputError(
+                f'{path} has {len(rows)} rows of use; at least {_FEWEST} are needed'
+                + ''.join(f'; {note}' for note in notes)
+            )
+        time, period, starts, stops = _regular(path, rows[:, 0] - rows[0, 0], np.diff(number) > 1)
+        values = {key: rows[:, column].copy() for column, key in enumerate(names) if key != 'time'}
+        volts, amps, watts = (values.get(key) for key in QUANTITIES)
+        begin = float(rows[0, 0])
+        log = cls(path, time, begin, period, starts, stops, volts, amps, watts, tuple(notes))
+        return _without_clipping(log)
 
 
 def _columns(
@@ -192,42 +215,6 @@ def _epoch_scale(times: Floats) -> float:
     """Seconds in a unit of stamps since 1970, told by their size."""
     middle = float(np.nanmedian(times)) if np.isfinite(times).any() else 0.0
     return next((scale for least, scale in _EPOCHS if abs(middle) > least), 1.0)
-
-
-def _checked(path: Path, names: Sequence[str], rows: Floats, told: Sequence[str]) -> Log:
-    notes = list(told)
-    whole = np.isfinite(rows).all(axis=1)
-    lost = int((~whole).sum())
-    if lost:
-        notes.append(f'{lost} of {len(rows)} rows have a field that is no number; left out')
-    number = np.flatnonzero(whole)
-    rows = rows[whole]
-    back = np.zeros(len(rows), np.bool_)
-    if len(rows):
-        back = rows[:, 0] < np.maximum.accumulate(rows[:, 0])
-    if back.any():
-        notes.append(f'{int(back.sum())} rows whose time runs backwards left out')
-        rows, number = rows[~back], number[~back]
-    if len(rows) < _FEWEST:
-        raise InputError(
-            f'{path} has {len(rows)} rows of use; at least {_FEWEST} are needed'
-            + ''.join(f'; {note}' for note in notes)
-        )
-    time, period, starts, stops = _regular(path, rows[:, 0] - rows[0, 0], np.diff(number) > 1)
-    values = {key: rows[:, column].copy() for column, key in enumerate(names) if key != 'time'}
-    log = Log(
-        path=path,
-        time=time,
-        start=float(rows[0, 0]),
-        period=period,
-        starts=starts,
-        stops=stops,
-        voltage=values.get('voltage'),
-        current=values.get('current'),
-        power=values.get('power'),
-        notes=tuple(notes),
-    )
-    return _without_clipping(log)
 
 
 def _regular(
@@ -329,9 +316,7 @@ def _clipped(values: Floats, limit: float) -> float:
     there = values == limit
     if there.sum() < 10:
         return 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], there.view(np.int8), [0]])))
-    lengths = edges[1::2] - edges[::2]
-    long = int(lengths[lengths >= 5].sum())
+    long = int(binary_opening(there, np.ones(5)).sum())
     if not long:
         return 0.0
     others = np.unique(values[~there])

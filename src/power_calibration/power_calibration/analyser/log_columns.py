@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
-from power_recordings.importing.sources.source import Progress
+from power_recordings.importing.sources.source import Progress, number
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, quoted
 
@@ -38,11 +38,9 @@ def read_columns(
 
 
 def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
-    if values.dtype.kind != 'O':
-        return np.asarray(values, np.float64)
+    if values.dtype.kind != 'O' or not is_time:
+        return number(values)
     texts: list[str | None] = values.tolist()
-    if not is_time:
-        return np.array([_number(text) for text in texts])
     sample = _sample(values)
     if _DATE.match(sample) or _DOTTED.match(sample):
         return _dates(texts)
@@ -57,13 +55,6 @@ def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
 def _sample(values: NDArray[np.generic]) -> str:
     """First text of a column, '' for one of numbers."""
     return next((text for text in values if text), '') if values.dtype.kind == 'O' else ''
-
-
-def _number(text: str | None) -> float:
-    try:
-        return float(text or 'nan')
-    except ValueError:
-        return np.nan
 
 
 def _dates(given: Sequence[str | None]) -> Floats:

@@ -287,8 +287,7 @@ def _solved(x: Floats, y: Floats) -> Floats:
     size = np.sqrt((x**2).sum(axis=0))
     size = np.where(size > 0, size, 1.0)
     scaled = x / size
-    solution: Floats = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=None)[0] / size
-    return solution
+    return np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=None)[0] / size
 
 
 def _moved(time: Floats, power: Curve) -> Floats:

@@ -1,11 +1,13 @@
 """Figure of synchronisation: errors by shift, delays, stamps, and the smoothing."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from power_recordings.alignment.filters import SMOOTHING, gain, smoothing
+from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import OTHERS, style
 from wattwalk_core.pages.embedded_figure import embedded
 from wattwalk_core.pages.page import Page, escape
@@ -81,16 +83,21 @@ def draw_timing(found: Summary, *, dark: bool = False) -> Figure:
     return figure
 
 
+def _by_shift(axis: Axes, shares: Sequence[Floats], what: str, ink: str, blue: str) -> None:
+    """Draw shares of the deviation of power, of each drive by SHIFTS, and their median."""
+    for share in shares[:_MOST_LINES]:
+        axis.plot(1e3 * SHIFTS, 100 * share, color=blue, lw=0.8, alpha=0.6)
+    middle = np.median(shares, axis=0)
+    axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8, label='median of the drives')
+    axis.set_ylabel(f'RMS {what} [% of deviation]')
+    axis.set_ylim(0, None)
+
+
 def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     axis.set_title('change of power by a shift', loc='left', fontsize=10)
-    for delay in found.delays[:_MOST_LINES]:
-        axis.plot(1e3 * SHIFTS, 100 * delay.moved / delay.power, color=blue, lw=0.8, alpha=0.6)
-    middle = np.median([d.moved / d.power for d in found.delays], axis=0)
-    axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8, label='median of the drives')
+    _by_shift(axis, [d.moved / d.power for d in found.delays], 'change', ink, blue)
     axis.plot([], [], color=blue, lw=0.8, label='each drive')
     axis.set_xlabel('shift of the electrical samples [ms]')
-    axis.set_ylabel('RMS change [% of deviation]')
-    axis.set_ylim(0, None)
     watts = float(np.median([d.power for d in found.delays]))
     other = axis.secondary_yaxis('right', functions=(_times(watts / 100), _times(100 / watts)))
     other.set_ylabel('[W], median drive')
@@ -122,14 +129,9 @@ def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
 
 def _fits(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     axis.set_title('error of the proxy, fitted at each shift', loc='left', fontsize=10)
-    for delay in found.delays[:_MOST_LINES]:
-        axis.plot(1e3 * SHIFTS, 100 * delay.refitted / delay.power, color=blue, lw=0.8, alpha=0.6)
-    middle = np.median([d.refitted / d.power for d in found.delays], axis=0)
-    axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8)
+    _by_shift(axis, [d.refitted / d.power for d in found.delays], 'error', ink, blue)
     axis.axvline(0, color=ink, lw=0.8, ls=':')
     axis.set_xlabel('shift from the best delay [ms]')
-    axis.set_ylabel('RMS error [% of deviation]')
-    axis.set_ylim(0, None)
 
 
 def _step_response(found: Summary, axis: Axes, ink: str, blue: str) -> None:
@@ -174,8 +176,8 @@ def _clock(found: Summary, axis: Axes, blue: str) -> None:
     title = f'device clock to stamps: {clock.drift:+.1f} ppm, ±{1e6 * clock.spread:.2f} µs'
     axis.set_title(title, loc='left', fontsize=10)
     every = slice(None, None, max(1, len(clock.time) // 4000))
-    axis.plot(clock.time[every], 1e6 * clock.residual[every], color=blue, lw=0.7)
-    most = max(1.0, 1.1e6 * float(np.abs(clock.residual).max()))
+    axis.plot(clock.time[every], 1e6 * clock.jitter[every], color=blue, lw=0.7)
+    most = max(1.0, 1.1e6 * float(np.abs(clock.jitter).max()))
     axis.set_ylim(-most, most)
 
 

@@ -25,21 +25,11 @@ _GAP = 2.5  # periods
 
 
 @dataclass(frozen=True)
-class StampQuality:
-    """Regularity of the stamps of a stream of N samples.
+class StampJitter:
+    """Deviation of N stamps from a line, s [N], NaN where unknown; time: s after the first [N]."""
 
-    jitter: deviation from an even clock, fitted per 10 s, in s [N]; NaN in windows of under 8.
-    lost: samples missing by sequence numbers, else by gaps.
-    """
-
-    topic: str
-    count: int
-    rate: float  # Hz
-    time: Floats  # s [N], after the first
+    time: Floats
     jitter: Floats
-    lost: int
-    gaps: int
-    by_sequence: bool
 
     @property
     def spread(self) -> float:
@@ -54,26 +44,30 @@ class StampQuality:
 
 
 @dataclass(frozen=True)
-class ClockQuality:
+class StampQuality(StampJitter):
+    """Regularity of the stamps of a stream of N samples.
+
+    jitter: from an even clock, fitted per 10 s; NaN in windows of under 8. lost: samples missing
+    by sequence numbers, else by gaps.
+    """
+
+    topic: str
+    count: int
+    rate: float  # Hz
+    lost: int
+    gaps: int
+    by_sequence: bool
+
+
+@dataclass(frozen=True)
+class ClockQuality(StampJitter):
     """Mapping from the device's clock to stamps.
 
-    residual: deviation of stamps from a straight line over device time, s [N], which includes slow
-    changes of a clock. drift: by how much the device's clock runs too fast, ppm.
+    jitter: from a straight line over device time, which includes slow changes of a clock. drift:
+    by how much the device's clock runs too fast, ppm.
     """
 
     drift: float
-    time: Floats
-    residual: Floats
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation of the residual, s."""
-        return float(self.residual.std())
-
-    @property
-    def worst(self) -> float:
-        """99th percentile of the residual's magnitude, s."""
-        return float(np.quantile(np.abs(self.residual), 0.99))
 
 
 def stamp_qualities(recording: Recording) -> list[StampQuality]:
@@ -100,7 +94,7 @@ def _quality(topic: str, samples: Samples) -> StampQuality:
         lost, gaps, counted = int(missing.sum()), int((missing > 0).sum()), False
         index = np.concatenate([[0], np.cumsum(1 + missing)]).astype(np.int64)
     rate = float((index[-1] - index[0]) / (time[-1] - time[0]))
-    return StampQuality(topic, len(samples), rate, time, _jitter(time, index), lost, gaps, counted)
+    return StampQuality(time, _jitter(time, index), topic, len(samples), rate, lost, gaps, counted)
 
 
 def _jitter(time: Floats, index: NDArray[np.int64]) -> Floats:
@@ -124,7 +118,7 @@ def clock_quality(recording: Recording) -> ClockQuality | None:
     if len(supply) < 8 or device[-1] <= 0 or (np.diff(device) < 0).any():
         return None
     slope, origin = np.polyfit(device, time - device, 1)
-    return ClockQuality(-1e6 * slope, time, time - device - origin - slope * device)
+    return ClockQuality(time, time - device - origin - slope * device, -1e6 * slope)
 
 
 SHIFTS_SHOWN = (0.001, 0.0025, 0.005, 0.01)  # shifts whose effect on power is reported, s

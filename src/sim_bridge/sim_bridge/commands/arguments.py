@@ -157,7 +157,7 @@ Needs root, for raw sockets. example, on a cable of two virtual ends:
 
 
 @entry_point(
-    'sim_bridge.commands.ethercat_segment:run',
+    'sim_bridge.instruments.ethercat.terminals:run',
     'Emulates an EK1100 and an EL3102 for each two voltages, to try power_daq without hardware.',
     _ETHERCAT_SEGMENT,
 )

@@ -10,21 +10,8 @@ from sim_bridge.commands.sim import load_plant
 from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_output
 from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun, write_bag
-from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.world import Stand, stand_world
 from sim_bridge.sensors.meter import DeviceClock
-
-
-def _analyser(options: argparse.Namespace, plant: Plant) -> Analyser | None:
-    if options.analyser is None:
-        return None
-    check_output(options.analyser)
-    parameters = AnalyserParameters(
-        rate=options.analyser_rate,
-        clock_offset=options.analyser_offset,
-        clock_drift=options.analyser_drift,
-    )
-    return Analyser(parameters, DeviceClock.of(plant.meter), seed=options.seed)
 
 
 def _stand(options: argparse.Namespace) -> Stand:
@@ -51,7 +38,15 @@ def run(options: argparse.Namespace) -> int:
     )
     motion = MotionController(wanted, Mounting(pull))
     world = stand_world(options.drive, stand)
-    analyser = _analyser(options, plant)
+    analyser = None
+    if options.analyser is not None:
+        check_output(options.analyser)
+        given = AnalyserParameters(
+            rate=options.analyser_rate,
+            clock_offset=options.analyser_offset,
+            clock_drift=options.analyser_drift,
+        )
+        analyser = Analyser(given, DeviceClock.of(plant.meter), seed=options.seed)
     run = OfflineRun(
         plant,
         world,

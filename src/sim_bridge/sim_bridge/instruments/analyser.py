@@ -40,26 +40,23 @@ class AnalyserParameters:
 
 
 class Analyser:
-    """Logger of the voltage, current and power of one drive.
+    """Logger of the voltage, current and power of the first drive.
 
     Between the plant's steps of 0.5 ms, which are means, voltage and current follow a spline that
     keeps every mean; the ripple within a step has none, so that meter and analyser see one truth.
     """
 
-    def __init__(
-        self, parameters: AnalyserParameters, clock: DeviceClock, drive: int = 0, seed: int = 0
-    ) -> None:
-        """clock: of the plant's steps. drive: column of the world's drives."""
+    def __init__(self, parameters: AnalyserParameters, clock: DeviceClock, seed: int = 0) -> None:
+        """clock: of the plant's steps."""
         self._given = parameters
         self._clock = clock
-        self._drive = drive
         self._random = np.random.default_rng([seed, 0xA7A1])
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 
     def watch(self, block: PlantBlock) -> None:
         """Add the next block."""
-        current = block.power[:, self._drive] / block.voltage
-        self._blocks.append((block.voltage.copy(), current, block.position[:, self._drive].copy()))
+        current = block.power[:, 0] / block.voltage
+        self._blocks.append((block.voltage.copy(), current, block.position[:, 0].copy()))
 
     def rows(self) -> Floats:
         """Return the log: time s (of its own clock), V, A, W [N, 4]."""
@@ -90,7 +87,8 @@ class Analyser:
         joint = np.concatenate([[angle[0]], angle])
         phase = np.interp(fine, edges, joint) * _RIPPLE_PER_TURN
         step = np.minimum(np.searchsorted(edges, fine, side='right') - 1, len(current) - 1)
-        frequency = ripple_frequency(np.diff(joint) / np.diff(edges))
+        speed = np.diff(joint) / np.diff(edges)
+        frequency = np.abs(speed) * _RIPPLE_PER_TURN / (2.0 * pi)
         size = np.abs(current) * np.clip((frequency - _LOWEST) / (_FULL - _LOWEST), 0.0, 1.0)
         raw = size[step] * np.sin(phase)
         seen = np.bincount(step, minlength=len(current))
@@ -119,16 +117,9 @@ def _between(edges: Floats, means: Floats) -> CubicSpline:
     return CubicSpline(edges, whole).derivative()
 
 
-def check_output(path: Path) -> Path:
-    """Return the path of a log; InputError unless it can be written."""
+def check_output(path: Path) -> None:
+    """Raise InputError unless a log can be written to a path."""
     if path.suffix.lower() != '.csv':
         raise InputError(f'--analyser {str(path)!r}: end it in .csv')
     if path.is_dir() or not path.absolute().parent.is_dir():
         raise InputError(f'--analyser {str(path)!r}: there is no such folder, create it first')
-    return path
-
-
-def ripple_frequency(speed: Floats) -> Floats:
-    """Return the frequency of the ripple at joint speeds (rad/s), Hz."""
-    frequency: Floats = np.abs(speed) * _RIPPLE_PER_TURN / (2.0 * pi)
-    return frequency

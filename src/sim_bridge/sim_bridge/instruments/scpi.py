@@ -7,11 +7,13 @@ connection at a time.
 """
 
 import socket
+import socketserver
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from wattwalk_core.errors import InputError
 
@@ -148,12 +150,15 @@ def whole(_: str, answer: str) -> Sent:
     return [(0.0, answer.encode('ascii') + b'\n')]
 
 
-class ScpiInstrument:
+class ScpiInstrument(socketserver.TCPServer):
     """Server of a SupplyState on a TCP socket, in a thread, for one client at a time.
 
     send gives, for a question and its answer, the pieces that go out and the s to wait before
     each: where tests spoil what the instrument says. Port 0 takes a free one.
     """
+
+    allow_reuse_address = True
+    request_queue_size = 1
 
     def __init__(
         self,
@@ -165,16 +170,17 @@ class ScpiInstrument:
         self.state, self.send = state, send
         self.connections = 0
         try:
-            self._listener = socket.create_server((host, port), backlog=1)
+            super().__init__((host, port), socketserver.BaseRequestHandler)
         except (OSError, OverflowError) as error:
             raise InputError(
                 f'cannot listen on {host}:{port} ({error}); give another host or port'
             ) from error
-        self.host, self.port = self._listener.getsockname()[:2]
+        self.host, self.port = self.socket.getsockname()[:2]
         self._client: socket.socket | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='instrument', daemon=True)
-        self._thread.start()
+        threading.Thread(
+            target=self.serve_forever, args=(_POLL,), name='instrument', daemon=True
+        ).start()
 
     def drop(self) -> None:
         """Break the connection, as a pulled cable does."""
@@ -187,31 +193,18 @@ class ScpiInstrument:
         """End the server."""
         self._stop.set()
         self.drop()
-        self._thread.join()
-        self._listener.close()
+        self.shutdown()
+        self.server_close()
 
-    def _run(self) -> None:
-        self._listener.settimeout(_POLL)
-        while not self._stop.is_set():
-            with suppress(TimeoutError):
-                client, _ = self._listener.accept()
-                self.connections += 1
-                with client, suppress(OSError):
-                    self._client = client
-                    self._serve(client)
-                self._client = None
-
-    def _serve(self, client: socket.socket) -> None:
-        client.settimeout(_POLL)
-        waiting = b''
-        while not self._stop.is_set():
-            with suppress(TimeoutError):
-                received = client.recv(4096)
-                if not received:
-                    return
-                *lines, waiting = (waiting + received).split(b'\n')
-                for line in lines:
-                    self._reply(client, line.decode('ascii', 'replace').rstrip('\r'))
+    def finish_request(self, request: Any, client_address: Any) -> None:
+        """Serve a client until it leaves, instead of by a handler."""
+        self.connections += 1
+        self._client = request
+        # A client that came after `drop` would hold up `close`.
+        with suppress(OSError), request.makefile('rb') as lines:
+            for line in () if self._stop.is_set() else lines:
+                self._reply(request, line.decode('ascii', 'replace').rstrip('\r\n'))
+        self._client = None
 
     def _reply(self, client: socket.socket, line: str) -> None:
         answer = self.state.answer(line)

@@ -1,6 +1,7 @@
 """Readings as CAN FD frames, and the bus that carries them."""
 
 from collections.abc import Sequence
+from itertools import count
 from typing import Any, Final
 
 import can
@@ -25,7 +26,7 @@ class FrameEncoder:
         self._bus = bus
         self._clock = clock
         self._columns = BusColumns(bus, joints)
-        self._counts = {'electrical': 0, 'joints': 0, 'temperature': 0}
+        self._counts = {name: count() for name in ('electrical', 'joints', 'temperature')}
 
     def encode(self, samples: InstrumentReadings) -> list[can.Message]:
         """Return SYNC and electrical frames at 1 kHz, joints at 400 Hz, temperatures at 10 Hz."""
@@ -33,22 +34,19 @@ class FrameEncoder:
         meter, joints, warmth = samples.electrical, samples.joints, samples.temperature
         wide = self._spread(meter.voltage, meter.current, meter.status)
         for step, time, row in zip(meter.step, self._us(meter.step), wide, strict=True):
-            count = self._next('electrical')
-            timed.append((step, 0, bus.encode_sync(count, time)))
-            timed.append((step, 1, bus.encode_electrical(count, time, *row)))
+            number = next(self._counts['electrical'])
+            timed.append((step, 0, bus.encode_sync(number, time)))
+            timed.append((step, 1, bus.encode_electrical(number, time, *row)))
         wide = self._spread(joints.position, joints.velocity, joints.torque)
         for step, time, row in zip(joints.step, self._us(joints.step), wide, strict=True):
-            timed.append((step, 2, bus.encode_joints(self._next('joints'), time, *row)))
+            number = next(self._counts['joints'])
+            timed.append((step, 2, bus.encode_joints(number, time, *row)))
         wide = self._spread(warmth.temperature)
         for step, time, row in zip(warmth.step, self._us(warmth.step), wide, strict=True):
-            timed.append((step, 3, bus.encode_temperature(self._next('temperature'), time, *row)))
+            number = next(self._counts['temperature'])
+            timed.append((step, 3, bus.encode_temperature(number, time, *row)))
         timed.sort(key=lambda entry: entry[:2])
         return [message for _, _, messages in timed for message in messages]
-
-    def _next(self, group: str) -> int:
-        count = self._counts[group]
-        self._counts[group] = count + 1
-        return count
 
     def _us(self, step: NDArray[np.int64]) -> list[int]:
         shown: list[int] = (self._clock.device_ns(step) // 1000).tolist()

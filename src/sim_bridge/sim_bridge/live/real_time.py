@@ -1,7 +1,7 @@
-"""Real-time execution of the plant by a steady clock."""
+"""Real-time execution of the plant by a steady clock, and the commands that it takes."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from threading import Event as Flag
 from typing import Final
@@ -155,3 +155,36 @@ class LivePlant:
         self.simulation.reset()
         self._commanded = None
         self.down = None
+
+
+def joint_command(
+    joints: Sequence[str],
+    names: Sequence[str],
+    position: Sequence[float],
+    velocity: Sequence[float],
+    effort: Sequence[float],
+    absent: Collection[str] = (),
+) -> JointCommand:
+    """Return the command of a JointState message's fields, in the order of joints.
+
+    An empty field commands nothing; a joint that is not named, or whose value is not finite,
+    is damped; joints that are absent may be named, to no effect, as on a bus where their drives
+    are missing. ValueError for unknown or repeated names and fields of another length.
+    """
+    for name in names:
+        if name not in joints and name not in absent:
+            raise ValueError(f'no joint {name!r}; there are {", ".join(joints)}')
+    there = [name for name in names if name in joints]
+    if len(set(there)) != len(there):
+        raise ValueError('a joint is named twice')
+
+    def placed(field: str, values: Sequence[float]) -> Floats | None:
+        if len(values) == 0:
+            return None
+        if len(values) != len(names):
+            raise ValueError(f'{field} has {len(values)} values for {len(names)} names')
+        given = dict(zip(names, values, strict=True))
+        return np.array([given.get(joint, np.nan) for joint in joints])
+
+    fields = {'position': position, 'velocity': velocity, 'effort': effort}
+    return JointCommand(*(placed(field, values) for field, values in fields.items()))

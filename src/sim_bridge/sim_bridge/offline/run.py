@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
 from power_recordings.messages import cdr
+from power_recordings.messages.topics import KINDS
 from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter, MessageBlock
 from rich.console import Console
@@ -31,17 +32,6 @@ from sim_bridge.plant.world import World, walking_world
 from sim_bridge.sensors.blocks import Instruments
 
 _SECOND: Final = 1_000_000_000
-_TYPES: Final = {
-    'drive_supply': cdr.DRIVE_SUPPLY,
-    'joint_states': cdr.JOINT_STATE,
-    'joint_commands': cdr.JOINT_STATE,
-    'supply': cdr.BATTERY_STATE,
-    'diagnostics': cdr.DIAGNOSTIC_ARRAY,
-    'imu': cdr.IMU,
-    'odom': cdr.ODOMETRY,
-    'foot_force': cdr.JOINT_STATE,
-    'cmd_vel': cdr.TWIST_STAMPED,
-}
 
 
 class BagTopics:
@@ -76,26 +66,22 @@ class BagTopics:
             if name == 'drive_supply':
                 values = {**values, 'sequence0': self._samples}
                 self._samples += len(rows.stamp_ns)
+            topic = self._topic(name, KINDS[name].type_name)
             if len(rows.stamp_ns):
                 messages = self._encoders[name](rows.stamp_ns, **values)
-                blocks.append(MessageBlock(self._topic(name), rows.stamp_ns, messages))
-            else:
-                self._topic(name)
-        topic = self._topic('diagnostics')
-        for stamp, data in self._diagnostics(telemetry):
-            whole = np.frombuffer(data, np.uint8)[None]
-            blocks.append(MessageBlock(topic, np.array([stamp]), whole))
+                blocks.append(MessageBlock(topic, rows.stamp_ns, messages))
+        blocks += self._diagnostics(telemetry)
         self._bag.write_blocks(sorted(blocks, key=lambda block: block.topic))
 
-    def _topic(self, name: str) -> int:
+    def _topic(self, name: str, type_name: str) -> int:
         """Return the handle of a topic, which is added where it is new."""
-        topic = self._topics.get(name)
-        if topic is None:
-            topic = self._topics[name] = self._bag.add_topic(name, _TYPES[name])
-        return topic
+        if name not in self._topics:
+            self._topics[name] = self._bag.add_topic(name, type_name)
+        return self._topics[name]
 
-    def _diagnostics(self, telemetry: Telemetry) -> list[tuple[int, bytes]]:
-        """Return the messages at 1 Hz with their stamps."""
+    def _diagnostics(self, telemetry: Telemetry) -> list[MessageBlock]:
+        """Return the message at 1 Hz, and nothing between."""
+        topic = self._topic('diagnostics', cdr.DIAGNOSTIC_ARRAY)
         stamps = telemetry.topics['supply'].stamp_ns
         last = int(stamps[-1]) if len(stamps) else START_NS
         for event in telemetry.events:
@@ -104,7 +90,8 @@ class BagTopics:
             return []
         self._seconds = (last - START_NS) // _SECOND
         falls = [event for event in telemetry.events if event.kind == 'fall']
-        return [(last, _diagnostic(last, falls, self._counts))]
+        data = np.frombuffer(_diagnostic(last, falls, self._counts), np.uint8)
+        return [MessageBlock(topic, np.array([last]), data[None])]
 
 
 def _drive_supply(stamps_ns: NDArray[np.int64], **values: Any) -> NDArray[np.uint8]:
@@ -144,13 +131,12 @@ class OfflineRun:
         seed: int,
         drives: Sequence[str] | None = None,
         pushes: bool = False,
-        bus: BusDescription | None = None,
         watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
         """Make a run.
 
-        drives: those whose power is metered, all if None. bus: the shipped one if None. watch: is
-        shown every block of the plant, as an instrument beside the meter.
+        drives: those whose power is metered, all if None. watch: is shown every block of the
+        plant, as an instrument beside the meter.
         """
         if not 0.1 <= duration <= 36_000.0:
             raise InputError(f'duration is {duration!r}; it must lie in 0.1..36000 s')
@@ -160,7 +146,7 @@ class OfflineRun:
         self.controller = controller.name
         self.joints = world.joints
         self.drives = tuple(world.joints if drives is None else drives)
-        self.bus = BusDescription.load() if bus is None else bus
+        self.bus = BusDescription.load()
         simulation = Simulation(plant, world)
         instruments = Instruments(simulation, seed)
         warmth = simulation.circuit.temperature.winding.copy()
@@ -307,6 +293,6 @@ def write_bag(
     return tuple(events)
 
 
-def simulate_recording(run: OfflineRun, name: str = 'simulation') -> Recording:
+def simulate_recording(run: OfflineRun) -> Recording:
     """Return a run as a recording in memory, without diagnostics and card."""
-    return gather(name, list(run), run.joints, run.drives)
+    return gather('simulation', list(run), run.joints, run.drives)

@@ -129,8 +129,7 @@ class Wire:
         known = np.vstack((self._temperature, wide[:, self._columns.places]))
         self._temperature = known[-1]
         steps = stretch.samples.electrical.step
-        latest: Floats = known[np.searchsorted(reading.step, steps, side='right')]
-        return latest
+        return known[np.searchsorted(reading.step, steps, side='right')]
 
 
 _JOINT_FIELDS: Final = ('position', 'velocity', 'effort')

@@ -79,14 +79,12 @@ class Circuit:
     def resistance(self) -> Floats:
         """Return the resistance of the windings at their temperature, ohm [D]."""
         warm = 1.0 + self._heating * (self.temperature.winding - REFERENCE_TEMPERATURE)
-        resistance: Floats = self._p['resistance'] * self._copper * warm
-        return resistance
+        return self._p['resistance'] * self._copper * warm
 
     def constant(self) -> Floats:
         """Return the torque constants at the temperature of the magnets, N·m/A [D]."""
         warm = self._magnet * (self.temperature.housing - REFERENCE_TEMPERATURE)
-        constant: Floats = self._p['torque_constant'] * (1.0 - warm)
-        return constant
+        return self._p['torque_constant'] * (1.0 - warm)
 
     def solve(
         self, motor: Floats, speed: Floats, drag: Floats, voltage: float, time: Floats

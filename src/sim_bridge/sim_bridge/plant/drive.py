@@ -77,11 +77,6 @@ class Trace:
     cogging: Floats  # N·m
     output: Floats  # N·m, handed to the joint (before the inertia of a rigidly coupled rotor)
 
-    @classmethod
-    def of(cls, values: Floats) -> 'Trace':
-        """Return the trace whose signals are views of values [6, B, D]."""
-        return cls(*values)
-
 
 class Drives:
     """Mechanical side of D drives, stepped beside the rigid-body simulation.
@@ -104,7 +99,7 @@ class Drives:
         self.names = tuple(names)
         self.parameters = p
         self._signals = np.zeros((6, block, len(names)))
-        self.trace = Trace.of(self._signals)
+        self.trace = Trace(*self._signals)
         self.friction = Friction(plant, p, step)
         self.inertia: Floats = p['rotor_inertia'] * effects.rotor_inertia.scale
         self.elastic = effects.spring.enabled
@@ -197,28 +192,21 @@ class Drives:
         self._count += 1
 
 
-def _torque_loop(
-    plant: Plant, p: dict[str, Floats], inertia: Floats, stiffness: Floats
-) -> tuple[Floats, Floats]:
-    """Return the gains of the torque loops on the error, and on the spring's rate, N·m·s/rad.
-
-    They place the poles of a rotor, kg·m², behind a spring, N·m/rad, whose joint is held; what
-    damps beside the loop adds to it. Without the effect both are 0: the motor then gives what the
-    position loop asks of it.
-    """
-    if not plant.effects.torque_loop.enabled:
-        return np.zeros_like(inertia), np.zeros_like(inertia)
-    natural = 2.0 * np.pi * p['loop_bandwidth']
-    gain = np.maximum(natural * natural * inertia / stiffness - 1.0, 0.0)
-    return gain, 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
-
-
 def _loop_table(
     plant: Plant, p: dict[str, Floats], inertia: Floats, stiffness: Floats, step: float
 ) -> tuple[Floats, int]:
-    """Return the table of the torque loops, and the steps that they remember; 0 without loops."""
+    """Return the table of the torque loops, and the steps that they remember; 0 without loops.
+
+    The gains on the error, and on the spring's rate (N·m·s/rad), place the poles of a rotor,
+    kg·m², behind a spring, N·m/rad, whose joint is held; what damps beside the loop adds to it.
+    Without the effect both are 0: the motor then gives what the position loop asks of it.
+    """
     effects = plant.effects
-    gain, damping = _torque_loop(plant, p, inertia, stiffness)
+    gain = damping = np.zeros_like(inertia)
+    if effects.torque_loop.enabled:
+        natural = 2.0 * np.pi * p['loop_bandwidth']
+        gain = np.maximum(natural * natural * inertia / stiffness - 1.0, 0.0)
+        damping = 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
     delay = np.rint(p['loop_delay'] * effects.torque_loop.scale / step)
     follows = 1.0 - np.exp(-2.0 * np.pi * p['current_bandwidth'] * step)
     ripple = p['torque_ripple'] * effects.torque_ripple.scale

@@ -97,11 +97,6 @@ class Effects:
         """
         return parse(cls, expand(values), 'effects')
 
-    @classmethod
-    def none(cls) -> 'Effects':
-        """Return all effects switched off: electrical power is mechanical power."""
-        return cls(**{entry.name: _OFF for entry in fields(cls)})
-
 
 def expand(values: object) -> object:
     """Write the short forms of effects (true, false, a strength) as {enabled, strength}."""

@@ -44,12 +44,6 @@ class PlantBlock:
         """Number of steps B."""
         return len(self.position)
 
-    @property
-    def time(self) -> Floats:
-        """Time since the start at the end of each step, s [B]."""
-        counts = np.arange(self.first + 1, self.first + self.steps + 1, dtype=np.float64)
-        return STEP * counts
-
     @classmethod
     def join(cls, blocks: Sequence['PlantBlock']) -> 'PlantBlock':
         """Join consecutive blocks; the temperature is that of the last."""
@@ -63,8 +57,7 @@ class PlantBlock:
     @property
     def current(self) -> Floats:
         """Current at the power meter, A [B, D]."""
-        current: Floats = self.power / self.voltage[:, None]
-        return current
+        return self.power / self.voltage[:, None]
 
 
 class Simulation:

@@ -55,8 +55,7 @@ class FractionalDelay:
         late = series[past - self._whole :][:count]
         later = series[past - self._whole - 1 :][:count]
         self._past = series[-past:]
-        delayed: Floats = late + self._part * (later - late)
-        return delayed
+        return late + self._part * (later - late)
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,7 @@ class DeviceClock:
     def elapsed_ns(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the true time since step 0, ns."""
         nominal = np.asarray(step) * (STEP * 1e9)
-        elapsed: NDArray[np.int64] = np.rint(nominal / (1.0 + 1e-6 * self.drift)).astype(np.int64)
-        return elapsed
+        return np.rint(nominal / (1.0 + 1e-6 * self.drift)).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -143,5 +141,4 @@ class Meter:
 def _digitise(values: Floats, low: float, high: float, levels: int) -> Floats:
     size = (high - low) / levels
     counts = np.clip(np.rint((values - low) / size), 0, levels - 1)
-    digital: Floats = low + counts * size
-    return digital
+    return low + counts * size

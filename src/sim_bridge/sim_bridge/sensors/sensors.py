@@ -210,8 +210,7 @@ def into_base(attitude: Floats, vector: Floats) -> Floats:
     """Turn vectors of the world [N, 3] into the frame of quaternions w x y z [N, 4]."""
     scalar, axis = attitude[:, :1], -attitude[:, 1:]
     twist = 2.0 * _cross(axis, vector)
-    turned: Floats = vector + scalar * twist + _cross(axis, twist)
-    return turned
+    return vector + scalar * twist + _cross(axis, twist)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -13,7 +13,7 @@ from wattwalk_core.files import together
 from sound_levels.levels.analysis import Analysis, analyse
 from sound_levels.levels.settings import Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
-from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences, summary
+from sound_levels.levels.summary import LEVEL_COLUMNS, level_rows, sentences, summary
 from sound_levels.report.page import draw_sound, write_sound_report
 
 
@@ -75,13 +75,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _print(analysis: Analysis) -> None:
     console = output()
-    rows = []
-    for name in analysis.policies:
-        found = analysis.levels(name)
-        files = str(len(analysis.of(name)))
-        rows.append((name, files, f'{found.seconds:.0f}', *level_cells(found)))
-    columns = ('policy', 'files', 'counted s', *LEVEL_COLUMNS)
-    print_table(console, columns, rows, title=f'{analysis.unit}, {analysis.settings.time}')
+    title = f'{analysis.unit}, {analysis.settings.time}'
+    print_table(console, LEVEL_COLUMNS, level_rows(analysis), title)
     for sentence in sentences(analysis):
         console.print(sentence)
     for take in analysis.takes:

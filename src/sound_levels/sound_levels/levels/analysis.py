@@ -53,26 +53,18 @@ def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> Calib
     InputError if there is none within 10 % of the frequency in Hz for 2 s, if it is clipped, or if
     the channels differ by more than 3 dB (only one was in the calibrator).
     """
-    length = round(_WINDOW * file.rate)
-    rest: Floats | None = None
-    powers: list[Floats] = []
-    shares: list[float] = []
-    pitches: list[float] = []
-    for block in file.blocks():
-        rest = block if rest is None else np.concatenate([rest, block])
-        while len(rest) >= length and len(powers) * _WINDOW < _LONGEST:
-            power, share, pitch = _tone_in(rest[:length], file.rate, frequency)
-            powers.append(power)
-            shares.append(share)
-            pitches.append(pitch)
-            rest = rest[length:]
+    length, longest = round(_WINDOW * file.rate), round(_LONGEST * file.rate)
+    kept = [block for block in file.blocks() if file.frames - len(block) < longest]
     if file.clipped:
         raise InputError(f'{file.path}: the calibrator is clipped; record it again with less gain')
-    if not powers:
+    if min(file.frames, longest) < length:
         raise InputError(f'{file.path} is too short: record the calibrator for 10 s')
-    by_channel = np.array(powers)
+    samples = np.concatenate(kept)[:longest]
+    windows = samples[: len(samples) // length * length].reshape(-1, length, samples.shape[1])
+    found = [_tone_in(window, file.rate, frequency) for window in windows]
+    by_channel, shares, pitches = (np.array(values) for values in zip(*found, strict=True))
     total = by_channel.mean(axis=1)
-    pure = (np.array(shares) >= _PURE) & (total > 0)
+    pure = (shares >= _PURE) & (total > 0)
     if pure.sum() * _WINDOW < _NEEDED:
         raise InputError(
             f'{file.path} holds no pure tone of {frequency:g} Hz for {_NEEDED:g} s '
@@ -94,7 +86,7 @@ def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> Calib
         )
     return CalibratorTone(
         rate=file.rate,
-        frequency=float(np.median(np.array(pitches)[steady])),
+        frequency=float(np.median(pitches[steady])),
         mean_square=float(total[steady].mean()),
         spread=float(levels[steady].std()),
         seconds=float(steady.sum() * _WINDOW),
@@ -186,15 +178,9 @@ class Analysis:
         """Return the takes of a policy."""
         return [take for take in self.takes if take.policy == policy]
 
-    def levels(self, policy: str) -> Levels:
-        """Return the levels of a policy in the unit."""
-        return self._shifted(levels([take.stretch for take in self.of(policy)]))
-
-    def take_levels(self, take: Take) -> Levels:
-        """Return the levels of one take in the unit."""
-        return self._shifted(levels([take.stretch]))
-
-    def _shifted(self, found: Levels) -> Levels:
+    def levels(self, takes: Sequence[Take]) -> Levels:
+        """Return the levels of takes together in the unit."""
+        found = levels([take.stretch for take in takes])
         shifted = {k: v + self.shift for k, v in asdict(found).items() if k != 'seconds'}
         return Levels(seconds=found.seconds, **shifted)
 

@@ -149,7 +149,6 @@ class Sound:
     energy: Floats  # [N]
     detector: Floats  # [N]
     highest: Floats  # [N]
-    time_constant: float  # s
     bands: dict[float, float]
 
     @property
@@ -213,6 +212,5 @@ def measure(
         energy=joined,
         detector=np.concatenate(detector),
         highest=np.concatenate(highest),
-        time_constant=tau,
         bands=spectrum.bands(),
     )

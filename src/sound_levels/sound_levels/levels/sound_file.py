@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 import soundfile
+from scipy.ndimage import binary_opening
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
@@ -104,10 +105,4 @@ class SoundFile:
 def _clipped(block: Floats, top: float) -> int:
     """Count samples in runs of at least three at full scale; above 1.0 floats are not clipped."""
     full = (np.abs(block) >= top) & (np.abs(block) <= 1.0)
-    if not full.any():
-        return 0
-    inner = full[2:] & full[1:-1] & full[:-2]
-    runs = np.zeros_like(full)
-    for shift in range(_RUN):
-        runs[shift : len(full) - 2 + shift] |= inner
-    return int(runs.sum())
+    return int(binary_opening(full, np.ones((_RUN, 1))).sum()) if full.any() else 0

@@ -8,12 +8,18 @@ from wattwalk_core.console import finite
 from sound_levels.levels.analysis import Analysis
 from sound_levels.levels.statistics import ENOUGH, Levels
 
-LEVEL_COLUMNS = ('Leq', 'L10', 'L50', 'L90', 'max')
+LEVEL_COLUMNS = ('policy', 'files', 'counted s', 'Leq', 'L10', 'L50', 'L90', 'max')
 
 
-def level_cells(found: Levels) -> list[str]:
-    """Return the cells of LEVEL_COLUMNS."""
-    return [f'{v:.1f}' for v in (found.leq, found.l10, found.l50, found.l90, found.max)]
+def level_rows(analysis: Analysis) -> list[list[str]]:
+    """Return the cells of LEVEL_COLUMNS for each policy."""
+    rows = []
+    for name in analysis.policies:
+        takes = analysis.of(name)
+        seconds, *figures = asdict(analysis.levels(takes)).values()
+        cells = (f'{figure:.1f}' for figure in figures)
+        rows.append([name, str(len(takes)), f'{seconds:.0f}', *cells])
+    return rows
 
 
 def sentences(analysis: Analysis) -> list[str]:
@@ -59,7 +65,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
                 'rate_hz': take.sound.rate,
                 'seconds': take.sound.seconds,
                 'counted': take.why,
-                **_levels(analysis.take_levels(take)),
+                **_levels(analysis.levels([take])),
                 'recording': None if take.recording is None else str(take.recording),
                 'alignment': take.alignment and finite(asdict(take.alignment)),
                 'warnings': list(take.warnings),
@@ -70,7 +76,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
             {
                 'name': name,
                 'files': [str(take.path) for take in analysis.of(name)],
-                **_levels(analysis.levels(name)),
+                **_levels(analysis.levels(analysis.of(name))),
                 'third_octaves': {f'{k:g}': round(v, 2) for k, v in analysis.bands(name).items()},
             }
             for name in analysis.policies

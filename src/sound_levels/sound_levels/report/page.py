@@ -13,7 +13,7 @@ from wattwalk_core.pages.page import Page
 
 from sound_levels.levels.analysis import Analysis, Take
 from sound_levels.levels.statistics import decibels
-from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences
+from sound_levels.levels.summary import LEVEL_COLUMNS, level_rows, sentences
 
 COLOURS = {False: ('#0072B2', *OTHERS), True: ('#56B4E9', *OTHERS)}
 DASHES = ('-', (0, (5, 1.5)), (0, (1.5, 1)), '-.')
@@ -85,7 +85,8 @@ def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
 
 
 def _curve(axis: Axes, analysis: Analysis, name: str, line: dict[str, Any]) -> None:
-    take, found = analysis.of(name)[0], analysis.levels(name)
+    takes = analysis.of(name)
+    take, found = takes[0], analysis.levels(takes)
     time, level, mean = curve(analysis, take)
     shown = time <= _SHOWN
     axis.plot(time[shown], level[shown], lw=0.8, alpha=0.45, **{**line, 'ls': '-'})
@@ -96,16 +97,13 @@ def _curve(axis: Axes, analysis: Analysis, name: str, line: dict[str, Any]) -> N
 def _spectrum_axis(axis: Axes, analysis: Analysis, ink: str) -> None:
     bands = max((list(analysis.bands(name)) for name in analysis.policies), key=len)
     ticks = [i for i, band in enumerate(bands) if i % 3 == 0]
-    axis.set_xticks(ticks, [_hertz(bands[i]) for i in ticks])
+    labels = [f'{b / 1e3:g}k' if b >= 1e3 else f'{b:g}' for b in (bands[i] for i in ticks)]
+    axis.set_xticks(ticks, labels)
     axis.set_xlabel('third-octave band [Hz]')
     letter = analysis.settings.weighting
     axis.set_ylabel(f'level [{analysis.unit.replace(f"({letter})", "")}]')
     axis.set_title('Spectrum, unweighted', loc='left', fontsize=11)
     axis.legend(loc='lower center', frameon=False, fontsize=8, ncols=4, labelcolor=ink)
-
-
-def _hertz(frequency: float) -> str:
-    return f'{frequency / 1e3:g}k' if frequency >= 1e3 else f'{frequency:g}'
 
 
 def write_sound_report(path: Path, analysis: Analysis) -> None:
@@ -129,11 +127,7 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
     words = 'level over time and third-octave spectrum by policy'
     page.add(embedded(lambda dark: draw_sound(analysis, dark=dark), words))
     page.heading('Levels')
-    rows = []
-    for name in analysis.policies:
-        found = analysis.levels(name)
-        rows.append((name, f'{found.seconds:.0f}', *level_cells(found)))
-    page.table(('policy', 'counted s', *LEVEL_COLUMNS), rows, numbers=range(1, 7))
+    page.table(LEVEL_COLUMNS, level_rows(analysis), numbers=range(1, 8))
     page.text(
         f'In {analysis.unit}. Leq is the mean by energy; L10, L50 and L90 are exceeded for 10, 50 '
         'and 90 % of the time.',

@@ -4,12 +4,16 @@ Identities, objects and process data follow Beckhoff's documentation of the EL31
 from 0x0016 on); the EEPROM follows ETG.2010. The converter is ideal: 16 bit over ±10 V.
 """
 
+import argparse
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+
+from wattwalk_core.errors import InputError
 
 from sim_bridge.instruments.ethercat.controller import SlaveController, SlaveState
 
@@ -125,13 +129,10 @@ class EL3102(SlaveController):
     def enter(self, state: int) -> None:
         """Convert when SAFE-OP is reached."""
         if state == SlaveState.SAFEOP:
-            self._convert()
+            self.inputs_read()
 
     def inputs_read(self) -> None:
-        """Convert after each frame that fetches the inputs."""
-        self._convert()
-
-    def _convert(self) -> None:
+        """Convert, as after each frame that fetches the inputs."""
         if self.faults.frozen:
             return
         self._toggle ^= 0x8000
@@ -249,3 +250,30 @@ class EmulatedSegment:
                 if answer is not None:
                     self.frames += 1
                     self._socket.send(answer)
+
+
+def _constant(volts: Volts) -> Callable[[], Volts]:
+    return lambda: volts
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve a coupler and terminals until Ctrl-C; 2 for an interface that cannot be used."""
+    if len(options.volts) % 2:
+        raise InputError(f'--volts has {len(options.volts)} numbers; give two for each terminal')
+    pairs: list[Volts] = list(zip(options.volts[::2], options.volts[1::2], strict=True))
+    terminals = [EL3102(_constant(pair)) for pair in pairs]
+    try:
+        segment = EmulatedSegment(options.interface, [EK1100(), *terminals])
+    except OSError as error:
+        raise InputError(
+            f'cannot use {options.interface}: {error.strerror}; it must exist, and raw sockets '
+            'need root'
+        ) from error
+    print(f'EK1100 and {len(pairs)} EL3102 on {options.interface}; Ctrl-C ends it', flush=True)
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        segment.close()
