@@ -36,6 +36,8 @@ _OPENED = """async (until) => {
     'a first look': () => plot(),
     'the whole': () => plot() && bench.state.view.share === 1,
     ready: () => bench.state.opened.length > 0 && !bench.state.job,
+    'the budget': () => document.querySelector('#plot-flow .main-svg'),
+    'its intervals': () => document.querySelector('#plot-efficiency .main-svg'),
   };
   const start = performance.now();
   document.querySelector('#recordings-body form button').click();
@@ -151,10 +153,13 @@ def _page(browser: Any, address: str, bag: Path) -> Any:
 
 def _first(browser: Any, address: str, bag: Path, table: WorkbenchFigures) -> None:
     page = _page(browser, address, bag)
-    found = page.evaluate(_OPENED, ['a first look', 'the whole', 'ready'])
+    seen = ['a first look', 'the whole', 'ready', 'the budget', 'its intervals']
+    found = page.evaluate(_OPENED, seen)
     table.times('never read: a first picture, of a part', [found['a first look']], 2000)
     table.times('never read: the whole', [found['the whole']])
     table.times('never read: quality checked, ready to fit', [found['ready']])
+    table.times('never read: budget by a model that is chosen', [found['the budget']])
+    table.times('never read: its intervals and levers', [found['its intervals']])
     page.context.close()
 
 
