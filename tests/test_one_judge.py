@@ -81,6 +81,7 @@ def test_every_command_the_page_and_python_state_the_same_error(
     stairs = lab.stairs().errors
     told = []
     worker.budget(told.append, source, models[1])
+    assert [bool(one['content'].get('first')) for one in told] == [True, False]
     stated = {
         'history of add': over_meters(add['rmse_w'].values()),
         'staircase': stairs[1],

@@ -9,6 +9,7 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure, evaluate
 from power_estimator.effects.split import split
+from power_estimator.live.estimator import stream_of
 from power_lab.budget import choice
 from power_lab.budget.levers import Lever, carried_over, parse_changes
 from power_lab.budget.tables import headline
@@ -46,6 +47,19 @@ def test_a_first_look_has_the_watts_of_the_budget_and_no_intervals(lab, found):
         assert np.isfinite(late.interval).all()
     assert first.levers == ()
     assert np.isnan(first.error_w)
+
+
+def test_a_model_says_nothing_of_drives_that_it_does_not_know(lab):
+    data = lab.judge.recordings.data
+    strange = replace(data, names=('a', 'b', 'c'))
+    assert np.isnan(lab.effects.predict(strange)).all()
+    assert lab.effects.by_part(strange) == {}
+    stream = stream_of(lab.effects, strange.names, data.rate)
+    assert np.isnan(stream.advance(strange.rows(slice(0, 8)))).all()
+    half = replace(data, names=('LF_HAA', 'b', 'c'))
+    known = lab.effects.predict(half)
+    np.testing.assert_allclose(known[:, 0], lab.effects.predict(data)[:, 0], rtol=1e-6)
+    assert np.isnan(known[:, 1:]).all()
 
 
 def test_parts_of_a_model_sum_to_its_power(lab):

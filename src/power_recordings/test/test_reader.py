@@ -58,6 +58,14 @@ def test_a_lighter_recording_reads_again_what_it_let_go(walk: Make, tmp_path: Pa
         np.testing.assert_array_equal(again.power, kept.power)
     part, same = (one.between(begin, end).drive_supply() for one in (light, recording))
     np.testing.assert_array_equal(part.stamp_ns, same.stamp_ns)
+    assert light.lighter() is light
+    cut = recording.between(begin, end)
+    assert cut.lighter() is cut
+    walk(3.0).write(tmp_path / 'other')
+    shutil.rmtree(tmp_path / 'walk')
+    (tmp_path / 'other').rename(tmp_path / 'walk')
+    with pytest.raises(InputError, match='has changed'):
+        light.drive_supply()
     shutil.rmtree(tmp_path / 'walk')
     assert light.joints == kept.names
     with pytest.raises(InputError, match='walk'):

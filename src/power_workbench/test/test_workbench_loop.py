@@ -85,7 +85,7 @@ def walked(bag, browser, tmp_path_factory):
         page.get_by_role('button', name='Fit', exact=True).wait_for()
         for name in ('flow', 'efficiency', 'gait'):
             page.locator(f'#plot-{name} .main-svg').first.wait_for()
-        budget = page.locator('#headline').inner_text()
+        budget = page.locator('#headline').inner_text().replace('\xa0', ' ')
         for effect in EFFECTS[3:]:
             page.locator('label.choice', has_text=effect).first.click()
         page.get_by_role('button', name='Fit', exact=True).click()

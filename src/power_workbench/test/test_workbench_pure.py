@@ -12,6 +12,8 @@ from power_lab.diagnose.next_recording import Motion
 from power_recordings.reading.reader import Recording
 from power_workbench.files.folders import Folders
 from power_workbench.files.logs import misplaced
+from power_workbench.sessions.seen_models import SeenModels
+from power_workbench.sessions.source import Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep
 from power_workbench.views import maps, moments
 from power_workbench.views.pyramid import Pyramid, masked
@@ -52,6 +54,15 @@ def test_no_two_steps_write_the_same_model():
         session = session.do(SessionStep('fit', effects=('shaft',), model=names[-1])).undo()
     session = session.redo()
     assert session.next_model() not in {step.model for step in session.steps}
+
+
+def test_a_first_look_does_not_take_the_place_of_a_whole_budget():
+    seen, keys = SeenModels(), [(Source(('walk',)), f'{number}.yaml') for number in range(4)]
+    for key in keys:
+        seen.keep_budget(key, {'first': True, 'key': key})
+        seen.keep_budget(key, {'key': key})
+    seen.keep_budget(keys[0], {'first': True})
+    assert list(seen.budgets.values()) == [{'key': key} for key in [*keys[1:], keys[0]]]
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ FAMILIES: Final[Mapping[str, tuple[str, str, tuple[str, ...]]]] = {
     'losses': ('losses of the drives', '#AA4499', ('losses',)),  # of models that do not say which
     'drives': ('drives', '#332288', ('drives',)),  # without a model
     'electronics': ('electronics', '#A6A6A6', ('electronics',)),
-    'other': ('other effects and meter', '#44AA99', ()),
+    'other': ('other effects and meter', '#999933', ()),
     'unexplained': ('unexplained', 'none', ('unexplained',)),
 }
 """Words, colour for the colour-blind, and effects of each; `other` has all that no family has."""

@@ -45,7 +45,9 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
         return said
     best = min(sure, key=lambda one: one.mean_w)
     name, _, factor = best.change.partition('=')
-    if name == 'idle' and 'idle' not in {one.effect for one in shares}:
+    if name == 'payload':
+        name = 'weight to carry'
+    elif name == 'idle' and 'idle' not in {one.effect for one in shares}:
         name = ELECTRONICS  # a robot with one meter
     by = 100.0 * (float(factor) - 1.0)
     change = f'{abs(by):.3g} % {"less" if by < 0.0 else "more"}'

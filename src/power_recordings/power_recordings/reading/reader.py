@@ -63,6 +63,7 @@ class Recording:
     _breaks: Mapping[str, NDArray[np.int64]]
     _errors: Mapping[str, InputError]
     _let_go: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # topics, with names
+    _reread: bool = False  # its file has all of its samples
 
     @classmethod
     def open(cls, path: Path, most_messages: int | None = None, every: int = 1) -> Self:
@@ -104,6 +105,7 @@ class Recording:
             _samples=samples,
             _breaks=breaks,
             _errors=loader.errors,
+            _reread=most_messages is None and every == 1,
         )
 
     @classmethod
@@ -149,16 +151,32 @@ class Recording:
             for name, part in self.whole()._samples.items()
         }
         some = {name: part for name, part in samples.items() if len(part)}
-        return replace(self, _samples=some, _let_go={})
+        return replace(self, _samples=some, _let_go={}, _reread=False)
 
     def lighter(self) -> Self:
-        """Return the recording, opened whole, without its samples: `whole` reads them anew."""
+        """Return the recording without its samples, which `whole` reads anew.
+
+        One that its file does not have as it is, made in memory or cut, keeps them.
+        """
+        if self._let_go or not self._reread:
+            return self
         names = {name: tuple(getattr(p, 'names', ())) for name, p in self._samples.items()}
         return replace(self, _samples={}, _let_go=names)
 
     def whole(self) -> Self:
-        """Return the recording with its samples, which are read once more if it let them go."""
-        return type(self).open(self.path) if self._let_go else self
+        """Return the recording with its samples, which are read once more if it let them go.
+
+        InputError if the file is no longer what it was.
+        """
+        if not self._let_go:
+            return self
+        again = type(self).open(self.path)
+        if (again.start_ns, again.end_ns, again.topics) != (
+            *(self.start_ns, self.end_ns),
+            self.topics,
+        ):
+            raise InputError(f'{self.path} has changed since it was read; open it anew')
+        return again
 
     @property
     def joints(self) -> tuple[str, ...]:

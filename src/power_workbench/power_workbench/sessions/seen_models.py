@@ -30,7 +30,10 @@ class SeenModels:
         self.views[key] = view
 
     def keep_budget(self, key: Key, budget: Mapping[str, Any]) -> None:
-        """Keep a budget as the latest; the eldest gives way."""
+        """Keep a budget as the latest; the eldest gives way, and no first look to a whole one."""
+        known = self.budgets.pop(key, None)
+        if known is not None and budget.get('first') and not known.get('first'):
+            budget = known
         while len(self.budgets) >= _KEPT:
             self.budgets.pop(next(iter(self.budgets)))
         self.budgets[key] = budget

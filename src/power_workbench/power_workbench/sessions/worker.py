@@ -178,17 +178,17 @@ class SessionWorker:
             own = lab.load(spec) if spec else lab
             lab = own if isinstance(own.given, EffectModel) else lab
             found = lab.budget(first=first)
+            cycle = GaitCyclePower.of(found.pictured)
+            pictures = {
+                'efficiency': [one.json() for one in efficiency_maps(found)],
+                'gait': None if cycle is None else cycle.json(),
+            }
+            tell({**told(found), 'origin': found.origin, **pictures})
         except InputError as error:
-            return tell({'error': str(error)})
+            tell({'error': str(error)})
         except Exception as error:
             traceback.print_exc()
-            return tell({'error': f'{type(error).__name__}: {error}'})
-        cycle = GaitCyclePower.of(found.pictured)
-        pictures = {
-            'efficiency': [one.json() for one in efficiency_maps(found)],
-            'gait': None if cycle is None else cycle.json(),
-        }
-        return tell({**told(found), 'origin': found.origin, **pictures})
+            tell({'error': f'{type(error).__name__}: {error}'})
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
         """Write the page of the diagnosis; return its name."""

@@ -203,6 +203,8 @@ class ScpiInstrument(socketserver.TCPServer):
         # A client that came after `drop` would hold up `close`.
         with suppress(OSError), request.makefile('rb') as lines:
             for line in () if self._stop.is_set() else lines:
+                if not line.endswith(b'\n'):  # cut off with the connection
+                    break
                 self._reply(request, line.decode('ascii', 'replace').rstrip('\r\n'))
         self._client = None
 

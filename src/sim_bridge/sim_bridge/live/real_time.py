@@ -184,7 +184,7 @@ def joint_command(
         if len(values) != len(names):
             raise ValueError(f'{field} has {len(values)} values for {len(names)} names')
         given = dict(zip(names, values, strict=True))
-        return np.array([given.get(joint, np.nan) for joint in joints])
+        return np.array([given.get(joint, np.nan) for joint in joints], np.float64)
 
     fields = {'position': position, 'velocity': velocity, 'effort': effort}
     return JointCommand(*(placed(field, values) for field, values in fields.items()))

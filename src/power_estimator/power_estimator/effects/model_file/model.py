@@ -287,7 +287,7 @@ class EffectModel:
             ]
             for group in members
         ]
-        return np.array(rows, dtype=np.float64).reshape(len(members), -1)
+        return np.array(rows, dtype=np.float64).reshape(len(members), len(self.structure.labels))
 
     @property
     def at_bound(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ let parts = null;
 let by = '';
 let member = '';
 
-const words = (name) => name.replaceAll('_', ' ');
+const words = (name) => (name === 'payload' ? 'weight to carry' : name.replaceAll('_', ' '));
 
 function build() {
   parts = {
@@ -21,7 +21,7 @@ function build() {
     hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }), apart: h('div'), motion: h('div', { class: 'pair' }),
   };
   parts.battery = h('input', { type: 'number', min: 0, step: 'any', 'aria-label': 'Battery in Wh', oninput: hours });
-  fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars), parts.flow), parts.uncertain, parts.motion, parts.apart, parts.more);
+  fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars, h('p', { class: 'faint' }, 'A bar\'s parts add up to the mark: those left of 0 are given back.')), parts.flow), parts.uncertain, parts.motion, parts.apart, parts.more);
   fill(parts.uncertain, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table));
 }
 
@@ -31,7 +31,7 @@ export async function update() {
   find('budget-body').setAttribute('aria-busy', String(!budget.headline || Boolean(budget.first)));
   if (!budget.headline) {
     const words_ = budget.error ? `No budget: ${budget.error}.` : 'Working out where the power goes, beside whatever else is done…';
-    if (parts) parts.origin.textContent = words_;
+    if (parts) { parts.origin.textContent = words_; certain(false); }
     else fill(find('budget-body'), h('p', {}, words_), budget.error ? null : h('progress', { 'aria-label': 'Working out the budget' }));
     return;
   }
@@ -46,6 +46,11 @@ export async function update() {
   if (!found.first) motion(parts.motion, found, bench.known.families);
 }
 
+/** What a first look, or an error, leaves open is hidden. */
+function certain(known_) {
+  for (const node of [parts.uncertain, parts.motion, parts.apart, parts.more]) node.hidden = !known_;
+}
+
 /** Rows of the shown member by what the bars stand for: their name and parts. */
 function groups() {
   const { drives, meters } = bench.state.view;
@@ -55,7 +60,9 @@ function groups() {
   const kinds = every.filter((name) => name !== found.robot && !single.has(name));
   const ways = { 'drive type': kinds, drive: every.filter((name) => name !== found.robot && single.has(name)) };
   const lists = {};
-  for (const [way, names] of Object.entries(ways)) if (names.length > 1) lists[way] = names.map((name) => [name, own(name)]);
+  const apart = own(found.robot).filter((row) => row.effect === 'electronics');
+  const beside = apart.length ? [['electronics', apart]] : [];
+  for (const [way, names] of Object.entries(ways)) if (names.length > 1) lists[way] = [...names.map((name) => [name, own(name)]), ...beside];
   const phases = [...new Set(found.rows.map((row) => row.phase))].filter((phase) => own(member, phase).length);
   if (phases.length > 1) lists['phase of the motion'] = phases.map((phase) => [phase === ALL ? 'all phases' : phase, own(member, phase)]);
   if (found.recordings) lists.recording = found.recordings.map((one) => [one.name, own(member, ALL, one.rows)]);
@@ -77,13 +84,14 @@ function render() {
   const { lists, whole } = groups();
   if (!lists[by]) [by] = Object.keys(lists);
   const intervals = found.first ? 'Intervals, and what would change it, follow…' : 'Intervals are of 90 %; where the model lacks an effect, they hold less often.';
-  parts.origin.textContent = `${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. ${intervals}`;
+  const { recordings, seconds } = bench.state.view;
+  parts.origin.textContent = `${recordings.map((path) => path.split('/').pop()).join(', ')}, ${Math.round(seconds)} s. ${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. ${intervals}`;
   fill(parts.ways,
     by ? choices('Bars by', 'budget-by', Object.keys(lists).map((way) => ({ value: way, label: way })), by, (way) => { by = way; render(); }) : null,
     names.length > 1 ? h('label', {}, 'flows and parts of ', h('select', { onchange: (event) => { member = event.target.value; render(); } }, names.map((name) => h('option', { value: name, selected: name === member }, name)))) : null);
   stacked(parts.bars, parts.legend, `Mean power by ${by || 'part'}`, by ? lists[by] : [[member, whole]]);
   flow(whole);
-  parts.uncertain.hidden = Boolean(found.first);
+  certain(!found.first);
   if (found.first) return;
   levers();
   table(whole);
@@ -137,7 +145,7 @@ function ribbons(sources, sinks) {
     let level = 0;
     let at = -0.5 * gap * (flows.length - 1);
     for (const { value, colour, text } of flows) {
-      shapes.push({ type: 'path', fillcolor: colour(), opacity: 0.75, line: { width: 0 }, path: `M${near},${level}C${middle},${level} ${middle},${at} ${far},${at}L${far},${at + value}C${middle},${at + value} ${middle},${level + value} ${near},${level + value}Z` });
+      shapes.push({ type: 'path', fillcolor: colour(), opacity: 0.9, line: { width: 0 }, path: `M${near},${level}C${middle},${level} ${middle},${at} ${far},${at}L${far},${at + value}C${middle},${at + value} ${middle},${level + value} ${near},${level + value}Z` });
       annotations.push({ x: far, y: at + 0.5 * value, xanchor: anchor, xshift: side, align: anchor, showarrow: false, text, font: { color: color('text'), size: 12 } });
       ends.push(at, at + value);
       level += value;
@@ -162,8 +170,8 @@ function levers() {
   const sorted = found.levers.filter((one) => one.interval[0] || one.interval[1]).sort((a, b) => a.mean_w - b.mean_w);
   const idle = found.levers.filter((one) => !sorted.includes(one)).map((one) => changed(one.change));
   fill(parts.levers, h('h3', {}, 'What would change it'), sorted.length ? h('table', {},
-    h('caption', {}, 'Of the mean power, at the same motion of the joints; to the left saves'),
-    h('tbody', {}, sorted.map((one) => h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', {}, whisker(one.mean_w, one.interval, range, 'W')))))) : null,
+    h('caption', {}, 'Of the mean power, at the same motion of the joints, with 90 % intervals; to the left saves. The weight is the robot\'s own, too'),
+    h('tbody', {}, sorted.map((one) => { const shown = whisker(one.mean_w, one.interval, range, 'W'); return h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', { class: 'number faint' }, shown.title), h('td', {}, shown)); }))) : null,
   idle.length ? h('p', { class: 'faint' }, `Nothing by this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
 }
 

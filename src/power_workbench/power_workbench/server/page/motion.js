@@ -19,8 +19,10 @@ function build(node) {
 }
 
 /** Pictures of a budget { efficiency, gait } in a node; what a budget lacks is hidden. */
-export function motion(node, { efficiency, gait }, families) {
+export function motion(node, { efficiency, gait, rows }, families) {
   if (!parts) build(node);
+  const drawn = (name) => rows.filter((row) => row.drive === name && row.phase === 'all').reduce((sum, row) => sum + row.mean_w, 0);
+  efficiency.sort((a, b) => drawn(b.name) - drawn(a.name));
   parts.efficiency.hidden = !efficiency.length;
   parts.gait.hidden = !gait;
   if (efficiency.length) {

@@ -17,7 +17,7 @@ export const ofFamily = (one) => (one.name === HAS_NO_COLOR ? color('faint') : o
 
 /** Legend of families beside the meter's mark; its colours follow the theme. */
 export function keys(node, families) {
-  fill(node, families.map((one) => { const key = h('i'); key.style.background = one.name === HAS_NO_COLOR ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  fill(node, families.map((one) => { const key = h('i'); key.style.background = one.name === HAS_NO_COLOR ? 'repeating-linear-gradient(45deg, var(--faint) 0 2px, transparent 2px 4px)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
 }
 
 const drawn = new Map();

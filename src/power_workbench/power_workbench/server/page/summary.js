@@ -31,7 +31,7 @@ function step(state) {
   const { diagnosis: found, learned } = state;
   const go = (id) => () => { const node = find(id).querySelector('details'); if (node) node.open = true; find(id).scrollIntoView(); };
   const report = ['Write the report', () => attempt(() => post('report'))];
-  if (!state.model && state.budget.effects) return ['Fit the effects of this budget', () => take({ kind: 'fit', effects: state.budget.effects }), 'Or fit another under “Model”. The page then finds what it misses.'];
+  if (!state.model && state.budget.effects) return ['Fit the effects of this budget', () => take({ kind: 'fit', effects: state.budget.effects }), 'Makes this model the page’s own; the page then shows where it fails and finds what it misses. Or fit another under “Model”.'];
   if (!state.model) return ['Fit a first model', () => take({ kind: 'fit', effects: FIRST }), `Of ${FIRST.map(wordsOf).join(', ')}; or choose effects under “Model”. The page then finds what it misses.`];
   if (!found && learned) return ['See what was discovered', go('missing'), ''];
   if (!found) return ['Find what is missing', () => attempt(() => post('diagnose')), 'Every effect of the catalogue is tried on data that the fit did not see.'];
@@ -75,7 +75,7 @@ export function update() {
     if (verdict) parts.push(h('p', { class: `kind ${TONES[found.verdict]}` }, found.kind));
     parts.push(head(explained(view)));
     if (verdict) parts.push(h('p', { class: 'verdict', id: 'verdict' }, found.sentence.replaceAll('`', '')), measured(found, view));
-  } else parts.push(head(budget.headline ? `${capital(budget.headline)}.` : view && view.share >= 1 ? 'The recording is open.' : 'Reading the recordings…'));
+  } else parts.push(head(budget.headline ? `${capital(budget.headline)}.`.replaceAll(' %', '\u00a0%') : view && view.share >= 1 ? 'The recording is open.' : 'Reading the recordings…'));
   if (view && (view.scores || !state.model) && view.share >= 1) {
     const [label, work, why] = step(state);
     parts.push(h('div', { class: 'row' }, h('button', { type: 'button', class: 'main', id: 'next-step', disabled: Boolean(state.job), onclick: work }, label), h('span', { class: 'faint' }, why)));
