@@ -10,7 +10,7 @@ from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import NOTE
-from power_recordings.messages.types import message_class
+from power_recordings.messages.topics import message_class
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
 from power_recordings.writing.metadata import CardFile
 from rclpy.clock import Clock, ClockType

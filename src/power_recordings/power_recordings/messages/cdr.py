@@ -1,10 +1,10 @@
 """Encoding and decoding of messages as CDR bytes, without ROS."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache, wraps
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,17 +16,16 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_recordings.messages.cdr_layout import Layout
-from power_recordings.messages.types import BATTERY_STATE as BATTERY_STATE
-from power_recordings.messages.types import DIAGNOSTIC_ARRAY as DIAGNOSTIC_ARRAY
-from power_recordings.messages.types import DRIVE_SUPPLY as DRIVE_SUPPLY
-from power_recordings.messages.types import IMU as IMU
-from power_recordings.messages.types import JOINT_STATE as JOINT_STATE
-from power_recordings.messages.types import ODOMETRY as ODOMETRY
-from power_recordings.messages.types import POWER_ESTIMATE as POWER_ESTIMATE
-from power_recordings.messages.types import TWIST_STAMPED as TWIST_STAMPED
 
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+BATTERY_STATE = 'sensor_msgs/msg/BatteryState'
+IMU = 'sensor_msgs/msg/Imu'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
+DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+DRIVE_SUPPLY = 'drive_power_msgs/msg/DriveSupply'
+POWER_ESTIMATE = 'drive_power_msgs/msg/PowerEstimate'
 _PACKAGE = 'drive_power_msgs'
-P = ParamSpec('P')
 
 
 def definitions() -> Path:
@@ -150,22 +149,10 @@ def encode_block(
     return layout.encode(len(stamps), {**stamp, **columns})
 
 
-def _in_a_list(
-    block: Callable[P, NDArray[np.uint8] | list[NDArray[np.uint8]]],
-) -> Callable[P, list[bytes]]:
-    """Make an encoder return its messages in a list."""
-
-    @wraps(block)
-    def encoder(*args: P.args, **kwargs: P.kwargs) -> list[bytes]:
-        found = block(*args, **kwargs)
-        blocks = found if isinstance(found, list) else [found]
-        rows = ((part.tobytes(), part.shape[1]) for part in blocks)
-        return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
-
-    return encoder
-
-
-encode = _in_a_list(encode_block)
+def in_a_list(*blocks: NDArray[np.uint8]) -> list[bytes]:
+    """Return the messages of encoded blocks one by one."""
+    rows = ((block.tobytes(), block.shape[1]) for block in blocks)
+    return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
 
 
 def joint_state_block(
@@ -187,9 +174,6 @@ def joint_state_block(
     return encode_block(
         JOINT_STATE, stamps_ns, columns, header=header, name=list(names), **lengths
     )
-
-
-encode_joint_states = _in_a_list(joint_state_block)
 
 
 def drive_supply_blocks(
@@ -250,9 +234,6 @@ def drive_supply_blocks(
     return blocks
 
 
-encode_drive_supply = _in_a_list(drive_supply_blocks)
-
-
 def battery_block(
     stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike, frame_id: str = ''
 ) -> NDArray[np.uint8]:
@@ -269,9 +250,6 @@ def battery_block(
     )
 
 
-encode_batteries = _in_a_list(battery_block)
-
-
 def imu_block(
     stamps_ns: NDArray[np.int64],
     orientation: Floats,
@@ -286,9 +264,6 @@ def imu_block(
         **_vector('linear_acceleration', 'xyz', linear_acceleration),
     }
     return encode_block(IMU, stamps_ns, columns, header={'frame_id': frame_id})
-
-
-encode_imu = _in_a_list(imu_block)
 
 
 def odometry_block(
@@ -311,9 +286,6 @@ def odometry_block(
     return encode_block(ODOMETRY, stamps_ns, columns, header=header, child_frame_id=child_frame_id)
 
 
-encode_odometry = _in_a_list(odometry_block)
-
-
 def twist_block(
     stamps_ns: NDArray[np.int64], velocity: Floats, frame_id: str = 'base'
 ) -> NDArray[np.uint8]:
@@ -324,9 +296,6 @@ def twist_block(
         'twist.angular.z': velocity[:, 2],
     }
     return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': frame_id})
-
-
-encode_twists = _in_a_list(twist_block)
 
 
 def _vector(path: str, axes: str, values: Floats) -> dict[str, Floats]:

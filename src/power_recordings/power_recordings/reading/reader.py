@@ -1,11 +1,11 @@
 """Recordings in memory: reading of bags, checks and order of stamps."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Self, TypeVar, cast
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,17 @@ class TopicInfo:
 
     type_name: str
     count: int
+
+
+def _samples_of(topic: str, kind: type[S]) -> Callable[['Recording'], S]:
+    """Make the method of a recording that returns the samples of a topic."""
+
+    def method(self: 'Recording') -> S:
+        samples = self._get(topic)
+        assert isinstance(samples, kind)
+        return samples
+
+    return method
 
 
 @dataclass(frozen=True)
@@ -157,45 +168,16 @@ class Recording:
         """Return the stamps [ns] of samples of a topic before which samples were cut out."""
         return self._breaks[name]
 
-    def drive_supply(self) -> DriveSamples:
-        """Voltage and current of the drives."""
-        return cast(DriveSamples, self._get('drive_supply'))
-
-    def joint_states(self) -> JointSamples:
-        """Position, velocity and torque of the joints."""
-        return cast(JointSamples, self._get('joint_states'))
-
-    def joint_commands(self) -> JointSamples:
-        """Targets of the joints."""
-        return cast(JointSamples, self._get('joint_commands'))
-
-    def motor_current(self) -> MotorCurrentSamples:
-        """Currents that make the motors' torque."""
-        return cast(MotorCurrentSamples, self._get('motor_current'))
-
-    def supply(self) -> SupplySamples:
-        """The whole robot's supply."""
-        return cast(SupplySamples, self._get('supply'))
-
-    def power_estimate(self) -> EstimateSamples:
-        """Estimates that were made live."""
-        return cast(EstimateSamples, self._get('power_estimate'))
-
-    def foot_force(self) -> FootForceSamples:
-        """Normal forces of the feet."""
-        return cast(FootForceSamples, self._get('foot_force'))
-
-    def imu(self) -> ImuSamples:
-        """Inertial measurements."""
-        return cast(ImuSamples, self._get('imu'))
-
-    def odom(self) -> OdomSamples:
-        """Odometry."""
-        return cast(OdomSamples, self._get('odom'))
-
-    def cmd_vel(self) -> CmdVelSamples:
-        """Velocity commands."""
-        return cast(CmdVelSamples, self._get('cmd_vel'))
+    drive_supply = _samples_of('drive_supply', DriveSamples)
+    joint_states = _samples_of('joint_states', JointSamples)
+    joint_commands = _samples_of('joint_commands', JointSamples)
+    motor_current = _samples_of('motor_current', MotorCurrentSamples)
+    supply = _samples_of('supply', SupplySamples)
+    power_estimate = _samples_of('power_estimate', EstimateSamples)
+    foot_force = _samples_of('foot_force', FootForceSamples)
+    imu = _samples_of('imu', ImuSamples)
+    odom = _samples_of('odom', OdomSamples)
+    cmd_vel = _samples_of('cmd_vel', CmdVelSamples)
 
     def _get(self, name: str) -> Samples:
         if name in self._errors:
