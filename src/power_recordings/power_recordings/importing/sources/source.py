@@ -74,6 +74,18 @@ def first_rows(source: LogSource, columns: Sequence[LogColumn], enough: int) -> 
             return
 
 
+def first_values(
+    source: LogSource, columns: Sequence[LogColumn], enough: int
+) -> dict[str, Floats]:
+    """Return at most so many first rows of those columns that hold numbers, by address."""
+    parts: dict[str, list[Floats]] = {}
+    for block in first_rows(source, columns, enough):
+        for address, values in block.values.items():
+            if values.dtype.kind != 'O':
+                parts.setdefault(address, []).append(values)
+    return {address: np.concatenate(arrays)[:enough] for address, arrays in parts.items()}
+
+
 def rows_at_once(columns: int) -> int:
     """Return how many rows of so many columns a block may have, at 32 MB of numbers."""
     return max(64, min(65_536, 4_000_000 // max(columns, 1)))
