@@ -334,20 +334,3 @@ class Slots:
         """Return the number of slots that have ended without one of so many samples."""
         self._lost = max(self._lost, int(self._elapsed() / self.period) - 1 - samples)
         return self._lost
-
-
-class Pauses:
-    """Pauses between attempts: each twice the one before, from `first` to `last` s."""
-
-    def __init__(self, first: float, last: float) -> None:
-        self._first, self._last = first, last
-        self._next = first
-
-    def wait(self, stop: Event) -> None:
-        """Wait for the next pause, or until `stop` is set."""
-        stop.wait(self._next)
-        self._next = min(2 * self._next, self._last)
-
-    def reset(self) -> None:
-        """Begin with the first pause again."""
-        self._next = self._first

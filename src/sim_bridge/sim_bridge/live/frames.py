@@ -35,13 +35,15 @@ class FrameEncoder:
         for step, time, row in zip(meter.step, self._us(meter.step), wide, strict=True):
             count = self._next('electrical')
             timed.append((step, 0, bus.encode_sync(count, time)))
-            timed.append((step, 1, bus.encode_electrical(count, time, *row)))
+            timed.append((step, 1, bus.encode('electrical', count, time, *row)))
         wide = self._spread(joints.position, joints.velocity, joints.torque)
         for step, time, row in zip(joints.step, self._us(joints.step), wide, strict=True):
-            timed.append((step, 2, bus.encode_joints(self._next('joints'), time, *row)))
+            timed.append((step, 2, bus.encode('joints', self._next('joints'), time, *row)))
         wide = self._spread(warmth.temperature)
         for step, time, row in zip(warmth.step, self._us(warmth.step), wide, strict=True):
-            timed.append((step, 3, bus.encode_temperature(self._next('temperature'), time, *row)))
+            timed.append(
+                (step, 3, bus.encode('temperature', self._next('temperature'), time, *row))
+            )
         timed.sort(key=lambda entry: entry[:2])
         return [message for _, _, messages in timed for message in messages]
 
