@@ -55,10 +55,15 @@ def typestore() -> Typestore:
     return store
 
 
+def full_type(name: str) -> str:
+    """Return `package/msg/Type` for the name of a type as ROS 1 or ROS 2 has it."""
+    package, slash, rest = name.partition('/')
+    return f'{package}/msg/{rest}' if slash and '/' not in rest else name
+
+
 def full_name(type_name: str) -> str:
     """Return `package/msg/Type` for that or `package/Type`; InputError if unknown."""
-    parts = type_name.split('/')
-    name = f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else type_name
+    name = full_type(type_name)
     if name not in typestore().fielddefs:
         raise InputError(f'unknown message type {type_name!r}; expected e.g. {JOINT_STATE!r}')
     return name
@@ -235,7 +240,7 @@ def drive_supply_blocks(
 
 
 def battery_block(
-    stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike, frame_id: str = ''
+    stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike
 ) -> NDArray[np.uint8]:
     """Encode N sensor_msgs/BatteryState; current [N] A is negative while drawing."""
     unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
@@ -243,7 +248,6 @@ def battery_block(
         BATTERY_STATE,
         stamps_ns,
         {'voltage': voltage, 'current': current},
-        header={'frame_id': frame_id},
         power_supply_status=2,
         present=True,
         **dict.fromkeys(unmeasured, np.nan),
@@ -255,15 +259,14 @@ def imu_block(
     orientation: Floats,
     angular_velocity: Floats,
     linear_acceleration: Floats,
-    frame_id: str = 'base',
 ) -> NDArray[np.uint8]:
-    """Encode N sensor_msgs/Imu: quaternion x y z w [N, 4], rad/s [N, 3] and m/s² [N, 3]."""
+    """Encode N sensor_msgs/Imu of `base`: quaternion x y z w [N, 4], rad/s and m/s² [N, 3]."""
     columns = {
         **_vector('orientation', 'xyzw', orientation),
         **_vector('angular_velocity', 'xyz', angular_velocity),
         **_vector('linear_acceleration', 'xyz', linear_acceleration),
     }
-    return encode_block(IMU, stamps_ns, columns, header={'frame_id': frame_id})
+    return encode_block(IMU, stamps_ns, columns, header={'frame_id': 'base'})
 
 
 def odometry_block(
@@ -272,30 +275,26 @@ def odometry_block(
     orientation: Floats,
     linear_velocity: Floats,
     angular_velocity: Floats,
-    frame_id: str = 'odom',
-    child_frame_id: str = 'base',
 ) -> NDArray[np.uint8]:
-    """Encode N nav_msgs/Odometry: pose in frame_id, twist in child_frame_id."""
+    """Encode N nav_msgs/Odometry: pose in `odom`, twist in `base`."""
     columns = {
         **_vector('pose.pose.position', 'xyz', position),
         **_vector('pose.pose.orientation', 'xyzw', orientation),
         **_vector('twist.twist.linear', 'xyz', linear_velocity),
         **_vector('twist.twist.angular', 'xyz', angular_velocity),
     }
-    header = {'frame_id': frame_id}
-    return encode_block(ODOMETRY, stamps_ns, columns, header=header, child_frame_id=child_frame_id)
+    frames: dict[str, Any] = {'header': {'frame_id': 'odom'}, 'child_frame_id': 'base'}
+    return encode_block(ODOMETRY, stamps_ns, columns, **frames)
 
 
-def twist_block(
-    stamps_ns: NDArray[np.int64], velocity: Floats, frame_id: str = 'base'
-) -> NDArray[np.uint8]:
-    """Encode N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
+def twist_block(stamps_ns: NDArray[np.int64], velocity: Floats) -> NDArray[np.uint8]:
+    """Encode N geometry_msgs/TwistStamped of `base`, [N, 3]: vx, vy m/s, yaw rate rad/s."""
     columns = {
         'twist.linear.x': velocity[:, 0],
         'twist.linear.y': velocity[:, 1],
         'twist.angular.z': velocity[:, 2],
     }
-    return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': frame_id})
+    return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': 'base'})
 
 
 def _vector(path: str, axes: str, values: Floats) -> dict[str, Floats]:

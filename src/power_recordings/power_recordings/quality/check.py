@@ -293,13 +293,6 @@ class _Checker:
         ):
             self.findings.append(found)
 
-    @property
-    def _worked(self) -> float:
-        """Mechanical power of all joints in the mean, W."""
-        if self._joints is None:
-            return 0.0
-        return float(np.nansum(np.nanmean(self._joints.effort * self._joints.velocity, axis=0)))
-
     def supply(self) -> SupplyLine | None:
         """Check the supply of the whole robot, and set it against the drives."""
         if not self._recording.has('supply'):
@@ -307,8 +300,10 @@ class _Checker:
         supply = self._recording.supply()
         if len(supply) < _FEWEST:
             return None
-        mean = float(np.nanmean(supply.power))
-        if mean < 0 and self._worked > _GENERATES * mean:
+        mean, worked = float(np.nanmean(supply.power)), 0.0
+        if (joints := self._joints) is not None:
+            worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
+        if mean < 0 and worked > _GENERATES * mean:
             self._find(
                 'supply_sign',
                 'error',

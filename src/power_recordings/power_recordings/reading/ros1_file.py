@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import regular_size
 
 from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Topic, joined
-from power_recordings.reading.definitions import full_type
+from power_recordings.messages.cdr import full_type
 
 _MAGIC: Final = b'#ROSBAG V2.0\n'
 _MESSAGE, _BAG, _CHUNK, _CONNECTION = 2, 3, 5, 7

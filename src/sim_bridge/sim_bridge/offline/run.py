@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
 from power_recordings.messages import cdr
+from power_recordings.messages.topics import TYPES
 from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter, MessageBlock
 from rich.console import Console
@@ -31,17 +32,6 @@ from sim_bridge.plant.world import World, walking_world
 from sim_bridge.sensors.blocks import Instruments
 
 _SECOND: Final = 1_000_000_000
-_TYPES: Final = {
-    'drive_supply': cdr.DRIVE_SUPPLY,
-    'joint_states': cdr.JOINT_STATE,
-    'joint_commands': cdr.JOINT_STATE,
-    'supply': cdr.BATTERY_STATE,
-    'diagnostics': cdr.DIAGNOSTIC_ARRAY,
-    'imu': cdr.IMU,
-    'odom': cdr.ODOMETRY,
-    'foot_force': cdr.JOINT_STATE,
-    'cmd_vel': cdr.TWIST_STAMPED,
-}
 
 
 class BagTopics:
@@ -91,7 +81,7 @@ class BagTopics:
         """Return the handle of a topic, which is added where it is new."""
         topic = self._topics.get(name)
         if topic is None:
-            topic = self._topics[name] = self._bag.add_topic(name, _TYPES[name])
+            topic = self._topics[name] = self._bag.add_topic(name, TYPES[name])
         return topic
 
     def _diagnostics(self, telemetry: Telemetry) -> list[tuple[int, bytes]]:
