@@ -41,6 +41,10 @@ class BusDescription:
         }
         self.nodes = mapping.nodes
         self.polled = None if mapping.poll is None else self._polled(mapping)
+        joints = self.groups.get('joints')
+        # `joint` or `motor` by drive, as far as the mapping says it; A where it is a current.
+        self.torque_at: Mapping[str, str] = {} if joints is None else joints.torque_at
+        self.torque_unit: Mapping[str, str] = {} if joints is None else joints.torque_unit
         self._sync: Frame | None = None
         if mapping.sync is not None:
             message = find_message(database, mapping.sync)
@@ -93,16 +97,6 @@ class BusDescription:
         """Highest rate of the groups, Hz."""
         return max(group.rate for group in self.groups.values())
 
-    @cached_property
-    def torque_at(self) -> Mapping[str, str]:
-        """`joint` or `motor` by drive, of the drives of which the mapping says it."""
-        return self.groups['joints'].torque_at if 'joints' in self.groups else {}
-
-    @cached_property
-    def torque_unit(self) -> Mapping[str, str]:
-        """A by drive, of the drives whose torque is the motor's current."""
-        return self.groups['joints'].torque_unit if 'joints' in self.groups else {}
-
     def _known(self, database: Database) -> Iterator[int]:
         shift, numbers = 0, [0]
         if self.nodes is not None:
@@ -114,20 +108,20 @@ class BusDescription:
                 yield identifier | extended << 31
 
     def _clocks(self, mapping: BusMapping) -> Mapping[str, tuple[float, int]]:
+        """Return nanoseconds of a tick and bits of each device's clock, by its name."""
         clocks: dict[str, tuple[float, int]] = {}
-        for frame in self._all_frames():
-            form = frame.clock_form
-            if form is not None and clocks.setdefault(frame.clock, form) != form:
+        frames = [frame for group in self.groups.values() for frame in group.frames]
+        for frame in frames if self._sync is None else [self._sync, *frames]:
+            if frame.time is None:
+                continue
+            form = frame.ns_per_tick, frame.time.length
+            if clocks.setdefault(frame.clock, form) != form:
                 raise InputError(
                     f'mapping {mapping.path}: message {frame.message.name!r} shows clock '
                     f'{frame.clock!r} in another resolution or size than the frames before it; '
                     "give it a name of its own with 'clock'"
                 )
         return clocks
-
-    def _all_frames(self) -> list[Frame]:
-        frames = [frame for group in self.groups.values() for frame in group.frames]
-        return frames if self._sync is None else [self._sync, *frames]
 
     @cached_property
     def routes(self) -> Mapping[int, tuple[Route, ...]]:

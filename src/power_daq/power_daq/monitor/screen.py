@@ -43,7 +43,8 @@ class Screen:
             return
         plain = not options.encoding.lower().startswith('utf')
         width = options.max_width
-        yield _title(view, self.clock, width)
+        watched = f'{self.clock}  watching for {_duration(view.seconds)}'
+        yield Text(f'{"wattwalk":<{max(9, width - len(watched))}}{watched}', style='bold')
         yield self._drives(view, width, plain)
         yield from _sums(view, width)
         yield _sides(view, width)
@@ -107,11 +108,6 @@ def _fitting(warnings: Sequence[str]) -> Sequence[str]:
         return warnings
     names = ', '.join(warning.split(':', 1)[0] for warning in warnings[1:])
     return (f'{warnings[0]}, and {len(warnings) - 1} more: {names}',)
-
-
-def _title(view: View, clock: str, width: int) -> Text:
-    watched = f'{clock}  watching for {_duration(view.seconds)}'
-    return Text(f'{"wattwalk":<{max(9, width - len(watched))}}{watched}', style='bold')
 
 
 def _sums(view: View, width: int) -> RenderResult:

@@ -83,10 +83,8 @@ class RecorderNode(Node):
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda _: self._best_effort.add(name), use_default_callbacks=False
         )
-        kind, qos = (
-            message_class(self._types[name]),
-            QoSProfile(depth=_DEPTH, reliability=reliability),
-        )
+        kind = message_class(self._types[name])
+        qos = QoSProfile(depth=_DEPTH, reliability=reliability)
         return PolledTopic[bytes](self, kind, name, qos, raw=True, events=events)
 
     def stop(self) -> int:

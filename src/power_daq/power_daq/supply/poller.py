@@ -74,14 +74,13 @@ class Poller(DeviceWorker):
         log: LogTarget = _log,
         retry: Retry | None = None,
         prepare: Callable[[Instrument], None] | None = None,
-        ros_time: RosTime | None = None,
     ) -> None:
         self.state = PollState()
         self._connect, self._sink, self._log = connect, sink, log
         retry = retry or Retry()
         self._prepare = prepare
         self._slots = Slots(1.0 / rate)
-        self.ros_time = ros_time or RosTime()
+        self.ros_time = RosTime()
         self._next_check = 0.0
         super().__init__('supply', retry.first, retry.last)
 
