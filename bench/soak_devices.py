@@ -145,14 +145,16 @@ class SoakDrives:
         drives = len(bus.drives)
         messages = bus.encode_sync(number, 1000 * number)
         current = numbered(number, drives, _CURRENT)
-        messages += bus.encode_electrical(number, 1000 * number, np.full(drives, 48.0), current)
+        messages += bus.encode('electrical', number, 1000 * number, np.full(drives, 48.0), current)
         if number % 100 == 0:
-            messages += bus.encode_temperature(number // 100, 1000 * number, np.full(drives, 40.0))
+            messages += bus.encode(
+                'temperature', number // 100, 1000 * number, np.full(drives, 40.0)
+            )
         joint = 2 * number // 5 if number % 5 in (0, 3) else None
         if joint is not None:
             position = numbered(joint, drives, _POSITION)
             still = np.zeros(drives)
-            messages += bus.encode_joints(joint, 2500 * joint, position, still, still)
+            messages += bus.encode('joints', joint, 2500 * joint, position, still, still)
         now = time.monotonic()
         why = self._put(messages)
         for name, index in (('electrical', number), ('joints', joint)):

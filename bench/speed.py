@@ -163,9 +163,18 @@ def make_bag(path: Path, size: int) -> str:
             table = _signals(rng, first)
             stamps = np.rint(1e18 + table[:, 0] * 1e9).astype(np.int64)
             columns = table[:, 1:].reshape(_ROWS, DRIVES, 5)
-            states = cdr.encode_joint_states(stamps, names, *np.moveaxis(columns[:, :, :3], 2, 0))
-            watts = cdr.encode_drive_supply(
-                stamps, first, stamps.astype(np.uint64), names, columns[:, :, 3], columns[:, :, 4]
+            states = cdr.in_a_list(
+                cdr.joint_state_block(stamps, names, *np.moveaxis(columns[:, :, :3], 2, 0))
+            )
+            watts = cdr.in_a_list(
+                *cdr.drive_supply_blocks(
+                    stamps,
+                    first,
+                    stamps.astype(np.uint64),
+                    names,
+                    columns[:, :, 3],
+                    columns[:, :, 4],
+                )
             )
             for stamp, state, watt in zip(stamps.tolist(), states, watts, strict=True):
                 bag.write(joints, stamp, state)

@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 from power_daq.bus.description import BusDescription
 from power_daq.nodes.card_topic import TOPIC as CARD
-from power_recordings.messages.types import TYPES
+from power_recordings.messages.topics import TYPES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'

@@ -3,7 +3,8 @@
 Same API, same wire: nodes see and are seen by ROS 2 Jazzy nodes on rmw_cyclonedds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.context import Context
@@ -118,15 +119,22 @@ def _reset_executor() -> None:
         _executor = None
 
 
-def spin_once(node: Any, *, executor: Any = None, timeout_sec: float | None = None) -> None:
-    """Wait for one callback, at most `timeout_sec` [s], and run it."""
+@contextmanager
+def _serving(node: Any, executor: Any) -> Iterator[Any]:
+    """Give the executor, by default the global one, which serves a node within the block."""
     chosen = get_global_executor() if executor is None else executor
     added = chosen.add_node(node)
     try:
-        chosen.spin_once(timeout_sec=timeout_sec)
+        yield chosen
     finally:
         if added:
             chosen.remove_node(node)
+
+
+def spin_once(node: Any, *, executor: Any = None, timeout_sec: float | None = None) -> None:
+    """Wait for one callback, at most `timeout_sec` [s], and run it."""
+    with _serving(node, executor) as chosen:
+        chosen.spin_once(timeout_sec=timeout_sec)
 
 
 def spin(node: Any, executor: Any = None) -> None:
@@ -134,23 +142,13 @@ def spin(node: Any, executor: Any = None) -> None:
 
     Raises KeyboardInterrupt at Ctrl-C and ExternalShutdownException at SIGTERM.
     """
-    chosen = get_global_executor() if executor is None else executor
-    added = chosen.add_node(node)
-    try:
+    with _serving(node, executor) as chosen:
         chosen.spin()
-    finally:
-        if added:
-            chosen.remove_node(node)
 
 
 def spin_until_future_complete(
     node: Any, future: Future, executor: Any = None, timeout_sec: float | None = None
 ) -> None:
     """Run callbacks until a future is done, at most `timeout_sec` [s]."""
-    chosen = get_global_executor() if executor is None else executor
-    added = chosen.add_node(node)
-    try:
+    with _serving(node, executor) as chosen:
         chosen.spin_until_future_complete(future, timeout_sec)
-    finally:
-        if added:
-            chosen.remove_node(node)

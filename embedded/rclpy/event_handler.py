@@ -28,12 +28,8 @@ class SubscriptionEventCallbacks:
     use_default_callbacks: bool = True
 
 
-@dataclass(frozen=True)
-class PublisherEventCallbacks:
+class PublisherEventCallbacks(SubscriptionEventCallbacks):
     """Callbacks of a publisher's events; without a callback a warning is logged."""
-
-    incompatible_qos: Callable[[QoSOfferedIncompatibleQoSInfo], None] | None = None
-    use_default_callbacks: bool = True
 
 
 REQUESTED = (

@@ -4,6 +4,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, TypeAlias
 
@@ -81,6 +82,15 @@ def _write(severity: LoggingSeverity, name: str, message: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
+def _at(severity: LoggingSeverity) -> Callable[..., bool]:
+    """Make the method that writes at a severity; like all here, it is not the place of a call."""
+
+    def method(self: 'RcutilsLogger', message: object, **kwargs: Any) -> bool:
+        return self.log(message, severity, **kwargs)
+
+    return method
+
+
 class RcutilsLogger:
     """Writes messages to stderr, all of them or, with options, only some."""
 
@@ -142,24 +152,8 @@ class RcutilsLogger:
         self._seen[place] = now
         return True
 
-    def debug(self, message: object, **kwargs: Any) -> bool:
-        """Write at severity DEBUG."""
-        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
-
-    def info(self, message: object, **kwargs: Any) -> bool:
-        """Write at severity INFO."""
-        return self.log(message, LoggingSeverity.INFO, **kwargs)
-
-    def warning(self, message: object, **kwargs: Any) -> bool:
-        """Write at severity WARN."""
-        return self.log(message, LoggingSeverity.WARN, **kwargs)
-
-    warn = warning
-
-    def error(self, message: object, **kwargs: Any) -> bool:
-        """Write at severity ERROR."""
-        return self.log(message, LoggingSeverity.ERROR, **kwargs)
-
-    def fatal(self, message: object, **kwargs: Any) -> bool:
-        """Write at severity FATAL."""
-        return self.log(message, LoggingSeverity.FATAL, **kwargs)
+    debug = _at(LoggingSeverity.DEBUG)
+    info = _at(LoggingSeverity.INFO)
+    warning = warn = _at(LoggingSeverity.WARN)
+    error = _at(LoggingSeverity.ERROR)
+    fatal = _at(LoggingSeverity.FATAL)

@@ -277,6 +277,7 @@ class Node(Parameters):
         return self._add(Client(self, srv_type, name, group, qos_profile))
 
     def _remove(self, entity: Any) -> bool:
+        """Destroy an entity; False where it is not the node's."""
         known = self._entities[type(entity)]
         if entity not in known:
             return False
@@ -287,17 +288,7 @@ class Node(Parameters):
             self._executor.forget()
         return True
 
-    def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription; False where it is not the node's."""
-        return self._remove(subscription)
-
-    def destroy_client(self, client: Client) -> bool:
-        """Destroy a service client; False where it is not the node's."""
-        return self._remove(client)
-
-    def destroy_timer(self, timer: Timer) -> bool:
-        """Destroy a timer; False where it is not the node's."""
-        return self._remove(timer)
+    destroy_subscription = destroy_client = destroy_timer = _remove
 
     def destroy_node(self) -> None:
         """Destroy the node with all that it has."""

@@ -9,18 +9,8 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 
 PARAMETER_SEPARATOR_STRING = '.'
 SEQUENCES = (list, tuple, array.array)
-FIELDS = {
-    ParameterType.PARAMETER_BOOL: 'bool_value',
-    ParameterType.PARAMETER_INTEGER: 'integer_value',
-    ParameterType.PARAMETER_DOUBLE: 'double_value',
-    ParameterType.PARAMETER_STRING: 'string_value',
-    ParameterType.PARAMETER_BYTE_ARRAY: 'byte_array_value',
-    ParameterType.PARAMETER_BOOL_ARRAY: 'bool_array_value',
-    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer_array_value',
-    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value',
-    ParameterType.PARAMETER_STRING_ARRAY: 'string_array_value',
-}
-ELEMENTS = {'BYTE_ARRAY': bytes, 'INTEGER_ARRAY': int, 'DOUBLE_ARRAY': float, 'STRING_ARRAY': str}
+SINGLE = {'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}
+ELEMENTS = {'BYTE_ARRAY': bytes, **{f'{name}_ARRAY': kind for name, kind in SINGLE.items()}}
 
 
 class Parameter:
@@ -43,44 +33,25 @@ class Parameter:
         @classmethod
         def from_parameter_value(cls, parameter_value: Any) -> 'Parameter.Type':
             """Return the type of a value; raise TypeError where it has none."""
-            for kind, python in (
-                ('BOOL', bool),
-                ('INTEGER', int),
-                ('DOUBLE', float),
-                ('STRING', str),
-            ):
-                if isinstance(parameter_value, python):
-                    return cls[kind]
             if parameter_value is None:
                 return cls.NOT_SET
-            if not isinstance(parameter_value, SEQUENCES):
-                raise TypeError(
-                    f"The given value is not one of the allowed types '{parameter_value}'."
-                )
-            for name in (
-                'BYTE_ARRAY',
-                'BOOL_ARRAY',
-                'INTEGER_ARRAY',
-                'DOUBLE_ARRAY',
-                'STRING_ARRAY',
-            ):
-                element = ELEMENTS.get(name, bool)
-                if all(isinstance(item, element) for item in parameter_value):
+            is_list = isinstance(parameter_value, SEQUENCES)
+            for name in ELEMENTS if is_list else SINGLE:
+                if cls[name].check(parameter_value):
                     return cls[name]
+            what = 'a list of one' if is_list else 'one'
             raise TypeError(
-                f"The given value is not a list of one of the allowed types '{parameter_value}'."
+                f"The given value is not {what} of the allowed types '{parameter_value}'."
             )
 
         def check(self, parameter_value: Any) -> bool:
             """Tell whether a value has this type."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
-            single = {'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}.get(self.name)
-            if single is not None:
-                return isinstance(parameter_value, single)
-            element = ELEMENTS.get(self.name, bool)
+            if self.name in SINGLE:
+                return isinstance(parameter_value, SINGLE[self.name])
             return isinstance(parameter_value, SEQUENCES) and all(
-                isinstance(item, element) for item in parameter_value
+                isinstance(item, ELEMENTS[self.name]) for item in parameter_value
             )
 
     def __init__(self, name: str, type_: 'Parameter.Type | None' = None, value: Any = None):
@@ -109,6 +80,13 @@ class Parameter:
         if self.type_ is not Parameter.Type.NOT_SET:
             setattr(message, FIELDS[self.type_.value], self.value)
         return message
+
+
+FIELDS = {
+    kind.value: f'{kind.name.lower()}_value'
+    for kind in Parameter.Type
+    if kind is not Parameter.Type.NOT_SET
+}
 
 
 def get_parameter_value(string_value: str) -> Any:

@@ -44,10 +44,7 @@ class Publisher:
         """Absolute name of the topic."""
         return self._topic
 
-    @property
-    def topic(self) -> str:
-        """Absolute name of the topic."""
-        return self._topic
+    topic = topic_name
 
     def publish(self, msg: Any) -> None:
         """Send a message, or CDR bytes as they are.

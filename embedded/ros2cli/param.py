@@ -13,12 +13,16 @@ from ros2cli.verbs import Verbs, add_spin_time, direct_node, discover
 TIMEOUT = 5.0
 
 
+def _absolute(node: str) -> str:
+    return node if node.startswith('/') else f'/{node}'
+
+
 def _ask(node: Any, target: str, verb: str, **fields: Any) -> Any:
     import rcl_interfaces.srv as services  # slow to import
 
     name = ''.join(part.capitalize() for part in verb.split('_'))
     service_type = getattr(services, name)
-    absolute = target if target.startswith('/') else f'/{target}'
+    absolute = _absolute(target)
     try:
         return request(
             node, service_type, f'{absolute}/{verb}', service_type.Request(**fields), TIMEOUT
@@ -134,15 +138,15 @@ def _dump(options: argparse.Namespace) -> None:
         for parent in parents:
             branch = branch.setdefault(parent, {})
         branch[last] = value
-    absolute = options.node if options.node.startswith('/') else f'/{options.node}'
-    print(yaml.safe_dump({absolute: {'ros__parameters': tree}}, sort_keys=True), end='')
+    whole = {_absolute(options.node): {'ros__parameters': tree}}
+    print(yaml.safe_dump(whole, sort_keys=True), end='')
 
 
 def _load(options: argparse.Namespace) -> int:
     from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError  # slow to import
     from rclpy.impl.arguments import RosArguments, parameters_of
 
-    absolute = options.node if options.node.startswith('/') else f'/{options.node}'
+    absolute = _absolute(options.node)
     try:
         entries = parameters_of(options.file)
     except RCLInvalidROSArgsError as error:

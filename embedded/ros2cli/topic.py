@@ -23,6 +23,11 @@ from ros2cli.verbs import (
 HIDDEN = '/_'
 
 
+def _endpoints(node: Any, kind: str, name: str) -> list[Any]:
+    ends = node.context.graph.endpoints(kind)
+    return [end for end in ends if end.kind == 'topic' and end.name == name]
+
+
 def _list(options: argparse.Namespace) -> None:
     with direct_node() as node:
         discover(node, options.spin_time)
@@ -47,8 +52,7 @@ def _info(options: argparse.Namespace) -> None:
             raise CommandError(f"Unknown topic '{options.topic}'")
         print(f'Type: {", ".join(topics[name])}\n')
         for label, kind in (('Publisher', 'writer'), ('Subscription', 'reader')):
-            ends = [e for e in node.context.graph.endpoints(kind) if e.name == name]
-            ends = [e for e in ends if e.kind == 'topic']
+            ends = _endpoints(node, kind, name)
             print(f'{label} count: {len(ends)}')
             if options.verbose:
                 print()
@@ -108,10 +112,7 @@ def _matching_qos(node: Any, name: str, options: argparse.Namespace) -> Any:
     """Return a profile that fits all publishers there are, unless users ask for another."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, from_dds  # slow
 
-    ends = [
-        e for e in node.context.graph.endpoints('writer') if e.kind == 'topic' and e.name == name
-    ]
-    offered = [from_dds(end.qos) for end in ends]
+    offered = [from_dds(end.qos) for end in _endpoints(node, 'writer', name)]
     profile = QoSProfile(depth=1000)
     if any(one.reliability == ReliabilityPolicy.BEST_EFFORT for one in offered) or not offered:
         profile.reliability = ReliabilityPolicy.BEST_EFFORT

@@ -71,7 +71,7 @@ def mcap(*records: bytes, closed: bool = True) -> bytes:
 def joint_messages(count: int = 60, names: tuple[str, ...] = ('HIP', 'KNEE')) -> list[bytes]:
     stamps = START + np.arange(count) * 10_000_000
     angle = np.sin(np.arange(count) / 10)[:, None] + np.arange(len(names))
-    return cdr.encode_joint_states(stamps, names, angle, angle, angle)
+    return cdr.in_a_list(cdr.joint_state_block(stamps, names, angle, angle, angle))
 
 
 def named(name: str) -> bytes:

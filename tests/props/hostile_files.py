@@ -95,12 +95,14 @@ def mcap_bag(path: Path, count: int = 80) -> Path:
             (
                 'supply',
                 cdr.BATTERY_STATE,
-                cdr.encode_batteries(stamps, 24 + angle[:, 0], angle[:, 1]),
+                cdr.in_a_list(cdr.battery_block(stamps, 24 + angle[:, 0], angle[:, 1])),
             ),
             (
                 'drive_supply',
                 cdr.DRIVE_SUPPLY,
-                cdr.encode_drive_supply(stamps, 0, stamps, ('HIP', 'KNEE'), 24 + angle, angle),
+                cdr.in_a_list(
+                    *cdr.drive_supply_blocks(stamps, 0, stamps, ('HIP', 'KNEE'), 24 + angle, angle)
+                ),
             ),
         ):
             topic = bag.add_topic(name, kind)
@@ -110,7 +112,7 @@ def mcap_bag(path: Path, count: int = 80) -> Path:
 
 
 def states(stamps: np.ndarray, angle: np.ndarray) -> list[bytes]:
-    return cdr.encode_joint_states(stamps, ('HIP', 'KNEE'), angle, angle, angle)
+    return cdr.in_a_list(cdr.joint_state_block(stamps, ('HIP', 'KNEE'), angle, angle, angle))
 
 
 def ros1_bag(path: Path) -> Path:
@@ -157,7 +159,11 @@ def sqlite_bag(path: Path) -> Path:
         )
         topics = (
             ('/joint_states', cdr.JOINT_STATE, states(stamps, angle)),
-            ('/supply', cdr.BATTERY_STATE, cdr.encode_batteries(stamps, angle[:, 0], angle[:, 1])),
+            (
+                '/supply',
+                cdr.BATTERY_STATE,
+                cdr.in_a_list(cdr.battery_block(stamps, angle[:, 0], angle[:, 1])),
+            ),
         )
         for number, (name, kind, messages) in enumerate(topics, 1):
             database.execute(

@@ -77,12 +77,14 @@ class SignalGenerator:
         wave = np.sin(2 * np.pi * 1e-3 * number + self._phase)
         messages = bus.encode_sync(counter, device_us)
         if 'electrical' in groups:
-            messages += bus.encode_electrical(counter, device_us, 48.0 - 0.1 * wave, 4.0 * wave)
+            messages += bus.encode('electrical', counter, device_us, 48.0 - 0.1 * wave, 4.0 * wave)
         if 'temperature' in groups and number % 100 == 0:
             counter = number // 100 + self.counter_offset
-            messages += bus.encode_temperature(counter, device_us, 40.0 + self._phase)
+            messages += bus.encode('temperature', counter, device_us, 40.0 + self._phase)
         if 'joints' in groups and number % 5 in (0, 3):
             index = 2 * number // 5
             counter, device_us = index + self.counter_offset, self._device_us(2500 * index)
-            messages += bus.encode_joints(counter, device_us, 0.5 * wave, 3.0 * wave, 20.0 * wave)
+            messages += bus.encode(
+                'joints', counter, device_us, 0.5 * wave, 3.0 * wave, 20.0 * wave
+            )
         return messages

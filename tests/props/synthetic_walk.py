@@ -107,13 +107,23 @@ class Walk:
             'status': self.status,
         }
         lengths = {name: np.zeros(x.shape[1]) for name, x in columns.items() if x.ndim == 2}
-        supply = cdr.encode(
-            cdr.DRIVE_SUPPLY, self.supply_stamps, columns, name=list(self.drive_names), **lengths
+        supply = cdr.in_a_list(
+            cdr.encode_block(
+                cdr.DRIVE_SUPPLY,
+                self.supply_stamps,
+                columns,
+                name=list(self.drive_names),
+                **lengths,
+            )
         )
-        joints = cdr.encode_joint_states(
-            self.joint_stamps, self.names, self.position, self.velocity, self.effort
+        joints = cdr.in_a_list(
+            cdr.joint_state_block(
+                self.joint_stamps, self.names, self.position, self.velocity, self.effort
+            )
         )
-        commands = cdr.encode_joint_states(self.command_stamps, self.names, self.command)
+        commands = cdr.in_a_list(
+            cdr.joint_state_block(self.command_stamps, self.names, self.command)
+        )
         found = {
             '/drive_supply': (cdr.DRIVE_SUPPLY, self.supply_stamps, supply),
             '/joint_states': (cdr.JOINT_STATE, self.joint_stamps, joints),

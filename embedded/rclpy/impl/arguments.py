@@ -19,94 +19,69 @@ from rclpy.exceptions import (
 SUBSTITUTION = re.compile(r'\{([^{}]*)\}')
 
 
-def _first(pattern: str, name: str) -> int | None:
-    match = re.search(pattern, name)
-    return None if match is None else match.start()
+# What is wrong with a name: a pattern, how far behind the start of its match, and rcl's words.
+Rules = tuple[tuple[str, int, str], ...]
+NODE_NAME: Rules = (
+    (r'\A\Z', 0, 'node name must not be empty'),
+    (r'[^A-Za-z0-9_]', 0, "node name must not contain characters other than alphanumerics or '_'"),
+    (r'\A[0-9]', 0, 'node name must not start with a number'),
+)
+FULL_NAME: Rules = (
+    (r'\A\Z', 0, '{} must not be empty'),
+    (r'\A[^/]', 0, "{} must be absolute, it must lead with a '/'"),
+    (r'/\Z', 0, "{} must not end with a '/'"),
+    (r'[^A-Za-z0-9_/]', 0, "{} must not contain characters other than alphanumerics, '_', or '/'"),
+    (r'//', 1, "{} must not contain repeated '/'"),
+    (r'/[0-9]', 1, '{} must not have a token that starts with a number'),
+)
+TOPIC_NAME: Rules = (
+    (r'\A\Z', 0, 'topic name must not be empty string'),
+    (r'\A[0-9]', 0, 'topic name token must not start with a number'),
+    (r'/\Z', 0, 'topic name must not end with a forward slash'),
+    (r'[{}]', 0, "topic name must not have unmatched (unbalanced) curly braces '{}'"),
+    (
+        r'[^A-Za-z0-9_/~]',
+        0,
+        "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'",
+    ),
+    (r'(?<=.)~', 0, "topic name must not have tilde '~' unless it is the first character"),
+    (
+        r'\A~[^/]',
+        1,
+        "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
+    ),
+    (r'//', 1, "topic name must not contain repeated '/'"),
+    (r'/[0-9]', 1, 'topic name token must not start with a number'),
+)
 
 
-def node_name_error(name: str) -> tuple[str, int] | None:
-    """Return what is wrong with a node's name and where."""
-    if not name:
-        return 'node name must not be empty', 0
-    if (at := _first(r'[^A-Za-z0-9_]', name)) is not None:
-        return "node name must not contain characters other than alphanumerics or '_'", at
-    if name[0].isdigit():
-        return 'node name must not start with a number', 0
-    return None
-
-
-def full_name_error(name: str, kind: str) -> tuple[str, int] | None:
-    """Return what is wrong with a fully qualified topic name or a namespace and where."""
-    if not name:
-        return f'{kind} must not be empty', 0
-    if not name.startswith('/'):
-        return f"{kind} must be absolute, it must lead with a '/'", 0
-    if name == '/' and kind == 'namespace':
-        return None
-    if name.endswith('/'):
-        return f"{kind} must not end with a '/'", len(name) - 1
-    if (at := _first(r'[^A-Za-z0-9_/]', name)) is not None:
-        return f"{kind} must not contain characters other than alphanumerics, '_', or '/'", at
-    if (at := _first(r'//', name)) is not None:
-        return f"{kind} must not contain repeated '/'", at + 1
-    if (at := _first(r'/[0-9]', name)) is not None:
-        return f'{kind} must not have a token that starts with a number', at + 1
-    return None
-
-
-def topic_name_error(name: str) -> tuple[str, int] | None:
-    """Return what is wrong with a topic's or service's name as users give it, and where."""
-    if not name:
-        return 'topic name must not be empty string', 0
-    if name[0].isdigit():
-        return 'topic name token must not start with a number', 0
-    if name.endswith('/'):
-        return 'topic name must not end with a forward slash', len(name) - 1
-    plain = SUBSTITUTION.sub(lambda match: '_' * len(match[0]), name)
-    if (at := _first(r'[{}]', plain)) is not None:
-        return "topic name must not have unmatched (unbalanced) curly braces '{}'", at
-    if (at := _first(r'[^A-Za-z0-9_/~]', plain)) is not None:
-        return (
-            'topic name must not contain characters other than alphanumerics, '
-            "'_', '~', '{', or '}'",
-            at,
-        )
-    if (at := _first(r'(?<=.)~', plain)) is not None:
-        return "topic name must not have tilde '~' unless it is the first character", at
-    if len(plain) > 1 and plain[0] == '~' and plain[1] != '/':
-        return (
-            "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
-            1,
-        )
-    if (at := _first(r'//', plain)) is not None:
-        return "topic name must not contain repeated '/'", at + 1
-    if (at := _first(r'/[0-9]', plain)) is not None:
-        return 'topic name token must not start with a number', at + 1
-    return None
+def _check(name: str, rules: Rules, error: Any, kind: str = '', given: str | None = None) -> None:
+    """Raise an Invalid…NameException, of the name as given, for the first rule that is broken."""
+    for pattern, offset, text in rules:
+        if (match := re.search(pattern, name)) is not None:
+            words = text.format(kind) if kind else text
+            raise error(name if given is None else given, words, match.start() + offset)
 
 
 def validate_node_name(name: str) -> None:
     """Raise InvalidNodeNameException for a name that a node cannot have."""
-    if (error := node_name_error(name)) is not None:
-        raise InvalidNodeNameException(name, *error)
+    _check(name, NODE_NAME, InvalidNodeNameException)
 
 
 def validate_namespace(namespace: str) -> None:
     """Raise InvalidNamespaceException for a name that a namespace cannot have."""
-    if (error := full_name_error(namespace, 'namespace')) is not None:
-        raise InvalidNamespaceException(namespace, *error)
-
-
-def validate_topic_name(name: str, is_service: bool = False) -> None:
-    """Raise Invalid…NameException for a name that a topic or a service cannot have."""
-    if (error := topic_name_error(name)) is not None:
-        kind = InvalidServiceNameException if is_service else InvalidTopicNameException
-        raise kind(name, *error)
+    if namespace != '/':
+        _check(namespace, FULL_NAME, InvalidNamespaceException, 'namespace')
 
 
 def expand(name: str, node_name: str, namespace: str, is_service: bool = False) -> str:
-    """Return the absolute form of a topic's or service's name, without remapping."""
-    validate_topic_name(name, is_service)
+    """Return the absolute form of a topic's or service's name, without remapping.
+
+    Raises Invalid…NameException for a name that it cannot have.
+    """
+    error = InvalidServiceNameException if is_service else InvalidTopicNameException
+    plain = SUBSTITUTION.sub(lambda match: '_' * len(match[0]), name)
+    _check(plain, TOPIC_NAME, error, given=name)
     base = '' if namespace == '/' else namespace
     known = {'node': node_name, 'ns': base, 'namespace': base}
     expanded = SUBSTITUTION.sub(lambda match: known.get(match[1], match[0]), name)
@@ -115,9 +90,7 @@ def expand(name: str, node_name: str, namespace: str, is_service: bool = False) 
     elif not expanded.startswith('/'):
         expanded = f'{base}/{expanded}'
     expanded = expanded.replace('//', '/')
-    if (error := full_name_error(expanded, 'topic name')) is not None:
-        kind = InvalidServiceNameException if is_service else InvalidTopicNameException
-        raise kind(name, *error)
+    _check(expanded, FULL_NAME, error, 'topic name', name)
     return expanded
 
 
@@ -200,15 +173,6 @@ def _nodes(node: yaml.Node, name: str) -> list[tuple[str, dict[str, Any]]]:
         else:
             raise YamlError(f"no parameters below '{name}'")
     return entries
-
-
-def parameter_file(path: str) -> list[tuple[str, dict[str, Any]]]:
-    """Return pairs of node pattern and values by name of a ROS parameter file."""
-    try:
-        node = _compose(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as error:
-        raise YamlError(str(error)) from error
-    return [] if node is None else _nodes(node, '')
 
 
 FLAGS_WITHOUT_VALUE = re.compile(r'--(?:enable|disable)-(?:rosout|stdout|external-lib)-logs?')
@@ -312,8 +276,9 @@ def parameters_of(path: str) -> list[tuple[str, dict[str, Any]]]:
     Raises RCLInvalidROSArgsError where it is absent or no such file.
     """
     try:
-        return parameter_file(path)
-    except YamlError as error:
+        node = _compose(Path(path).read_text(encoding='utf-8'))
+        return [] if node is None else _nodes(node, '')
+    except (OSError, UnicodeDecodeError, YamlError) as error:
         raise RCLInvalidROSArgsError(
             f"Couldn't parse params file: '--params-file {path}'. Error: {error}"
         ) from error

@@ -85,17 +85,10 @@ class ServiceEnd:
 
     @staticmethod
     def _others(endpoint: Any, key: str) -> set[str | None]:
-        if hasattr(endpoint, 'get_matched_subscriptions'):
-            handles, look = (
-                endpoint.get_matched_subscriptions(),
-                endpoint.get_matched_subscription_data,
-            )
-        else:
-            handles, look = (
-                endpoint.get_matched_publications(),
-                endpoint.get_matched_publication_data,
-            )
-        return {_user_data(look, handle, key) for handle in handles}
+        is_writer = hasattr(endpoint, 'get_matched_subscriptions')
+        of_others = f'get_matched_{"subscription" if is_writer else "publication"}'
+        look = getattr(endpoint, f'{of_others}_data')
+        return {_user_data(look, handle, key) for handle in getattr(endpoint, f'{of_others}s')()}
 
 
 class ServiceEntity:

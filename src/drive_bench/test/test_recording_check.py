@@ -32,10 +32,14 @@ def bag_with(path, stale=(), flagged=(), unread=(), lost_joints=(), torque=3.0):
     voltage[list(unread)] = math.nan
     position, effort = np.full((COUNT, 1), 0.1), np.full((COUNT, 1), torque)
     position[list(lost_joints)] = math.nan
-    supply = cdr.encode_drive_supply(
-        stamps, 0, np.arange(COUNT), ('B',), voltage, current, status=status
+    supply = cdr.in_a_list(
+        *cdr.drive_supply_blocks(
+            stamps, 0, np.arange(COUNT), ('B',), voltage, current, status=status
+        )
     )
-    joints = cdr.encode_joint_states(stamps, ('B',), position, np.zeros((COUNT, 1)), effort)
+    joints = cdr.in_a_list(
+        cdr.joint_state_block(stamps, ('B',), position, np.zeros((COUNT, 1)), effort)
+    )
     with BagWriter(path) as bag:
         topics = (
             bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY),

@@ -73,34 +73,34 @@ def test_the_shipped_bus_carries_twelve_drives_in_joint_order():
     assert bus.drives[:4] == ('LF_HAA', 'LF_HFE', 'LF_KFE', 'RF_HAA')
     assert bus.drives[-1] == 'RH_KFE'
     assert len(bus.drives) == 12
-    assert [m.arbitration_id for m in bus.encode_joints(0, 0, *np.zeros((3, 12)))] == [
+    assert [m.arbitration_id for m in bus.encode('joints', 0, 0, *np.zeros((3, 12)))] == [
         272,
         273,
         274,
         275,
     ]
-    assert len(bus.encode_electrical(0, 0, np.zeros(12), np.zeros(12))[0].data) == 64
+    assert len(bus.encode('electrical', 0, 0, np.zeros(12), np.zeros(12))[0].data) == 64
 
 
 def test_each_drive_s_values_lie_in_the_signals_of_its_name():
     bus = BusDescription.load()
     database = cantools.database.load_file(DEFAULT_DBC)
     index = np.arange(12)
-    (message,) = bus.encode_electrical(65537, 2**32 + 7, 40 + index, -3.0 + index, index)
+    (message,) = bus.encode('electrical', 65537, 2**32 + 7, 40 + index, -3.0 + index, index)
     signals = database.decode_message(message.arbitration_id, message.data)
     assert (signals['DeviceTime'], signals['Counter']) == (7, 1)
     for column, drive in enumerate(bus.drives):
         assert signals[f'{drive}_Voltage'] == pytest.approx(40 + column)
         assert signals[f'{drive}_Current'] == pytest.approx(-3 + column)
         assert signals[f'{drive}_Status'] == column
-    for message in bus.encode_joints(3, 4, 0.1 * index, -0.5 * index, 5.0 * index):
+    for message in bus.encode('joints', 3, 4, 0.1 * index, -0.5 * index, 5.0 * index):
         signals = database.decode_message(message.arbitration_id, message.data)
         for name, value in signals.items():
             drive, _, quantity = name.rpartition('_')
             factor = {'Position': 0.1, 'Velocity': -0.5, 'Torque': 5.0}.get(quantity)
             if factor is not None:
                 assert value == pytest.approx(factor * bus.drives.index(drive))
-    (message,) = bus.encode_temperature(0, 0, 20.0 + index)
+    (message,) = bus.encode('temperature', 0, 0, 20.0 + index)
     assert database.decode_message(512, message.data)['RF_HAA_Temperature'] == pytest.approx(23.0)
     (message,) = bus.encode_sync(9, 8)
     assert database.decode_message(128, message.data) == {'DeviceTime': 8, 'Counter': 9}
@@ -128,17 +128,17 @@ def test_quantising_gives_what_survives_encoding_and_decoding():
     rng = np.random.default_rng(0)
     voltage, current = rng.uniform(-5, 90, (20, 12)), rng.uniform(-60, 60, (20, 12))
     joints = rng.uniform(-200, 200, (3, 20, 12))
-    v, i = bus.quantise_electrical(voltage, current)
-    q = np.stack(bus.quantise_joints(*joints))
-    t = bus.quantise_temperature(voltage)
+    v, i = bus.quantise('electrical', voltage, current)
+    q = np.stack(bus.quantise('joints', *joints))
+    (t,) = bus.quantise('temperature', voltage)
     for k in range(20):
-        sent = bus.encode_electrical(k, k, voltage[k], current[k])
+        sent = bus.encode('electrical', k, k, voltage[k], current[k])
         np.testing.assert_array_equal(
             bus.groups['electrical'].decode([m.data for m in sent])[:2], [v[k], i[k]]
         )
-        sent = bus.encode_joints(k, k, *joints[:, k])
+        sent = bus.encode('joints', k, k, *joints[:, k])
         np.testing.assert_array_equal(bus.groups['joints'].decode([m.data for m in sent]), q[:, k])
-        sent = bus.encode_temperature(k, k, voltage[k])
+        sent = bus.encode('temperature', k, k, voltage[k])
         np.testing.assert_array_equal(bus.groups['temperature'].decode([sent[0].data])[0], t[k])
     inside = (np.abs(current) < 40) & (voltage > 0) & (voltage < 81)
     assert np.abs((v - voltage)[inside]).max() <= 0.00125 / 2 + 1e-9
@@ -151,7 +151,7 @@ def test_what_the_wire_cannot_carry_is_clipped_and_flagged():
     current[1], current[2], voltage[3], voltage[4] = 100.0, -100.0, np.nan, 90.0
     status = np.zeros(12, np.uint8)
     status[5] = 8
-    (message,) = bus.encode_electrical(0, 0, voltage, current, status)
+    (message,) = bus.encode('electrical', 0, 0, voltage, current, status)
     values = bus.groups['electrical'].decode([bytes(message.data)])
     assert values[2].tolist() == [0, OVERRANGE, UNDERRANGE, DEVICE_ERROR, OVERRANGE, 8] + [0] * 6
     assert values[1, 1:3] == pytest.approx([40.95875, -40.96])
@@ -161,7 +161,7 @@ def test_what_the_wire_cannot_carry_is_clipped_and_flagged():
 def test_another_robot_s_three_drives_over_three_frames_of_its_own_dbc(tmp_path):
     bus = load_leg(tmp_path, leg_mapping())
     assert bus.drives == ('hip', 'knee', 'ankle')
-    sent = bus.encode_electrical(258, 1_000_000, [48.0, 48.0, 48.0], [1.0, -2.0, 3.0])
+    sent = bus.encode('electrical', 258, 1_000_000, [48.0, 48.0, 48.0], [1.0, -2.0, 3.0])
     assert [(m.arbitration_id, m.is_extended_id, m.is_fd) for m in sent] == [
         (0x18FECA00, True, False),
         (0x18FECA00, True, False),
@@ -176,12 +176,12 @@ def test_another_robot_s_three_drives_over_three_frames_of_its_own_dbc(tmp_path)
     assert (first.selector[1], second.selector[1]) == (0, 1)
     assert bus.clocks == {'device': (100_000.0, 16)}
     with pytest.raises(ValueError, match='no joints frames'):
-        bus.encode_joints(0, 0, [0] * 3, [0] * 3, [0] * 3)
+        bus.encode('joints', 0, 0, [0] * 3, [0] * 3, [0] * 3)
 
 
 def test_bytes_from_one_bus_never_name_a_drive_of_the_other(tmp_path):
     bus = load_leg(tmp_path, leg_mapping())
-    v, _ = bus.quantise_electrical(np.full((5, 3), 47.999), np.zeros((5, 3)))
+    v, _ = bus.quantise('electrical', np.full((5, 3), 47.999), np.zeros((5, 3)))
     assert v == pytest.approx(np.full((5, 3), 48.0))
 
 

@@ -245,7 +245,7 @@ class Unsteady:
 
 
 def test_a_bus_that_is_lost_at_once_is_opened_again_with_growing_pauses_until_a_frame_comes():
-    (good,) = BUS.encode_electrical(1, 1000, np.zeros(12), np.zeros(12))
+    (good,) = BUS.encode('electrical', 1, 1000, np.zeros(12), np.zeros(12))
     buses = [Unsteady(), Unsteady(), Unsteady(), Unsteady(good), Unsteady()]
     acquisition = Acquisition(
         Receiver(BUS, RosTime()),

@@ -16,8 +16,8 @@ class Joints:
     def send(self, count, slots=(0, 1, 2, 3), at=None, raw=None):
         """Frames of sample number count; the indices of what became complete."""
         time = PERIOD * count if at is None else at
-        messages = self.bus.encode_joints(
-            count if raw is None else raw, time // 1000, *np.full((3, 12), 0.001 * count)
+        messages = self.bus.encode(
+            'joints', count if raw is None else raw, time // 1000, *np.full((3, 12), 0.001 * count)
         )
         done = []
         for slot in slots:
@@ -136,7 +136,7 @@ def test_single_frames_need_no_waiting():
     assembler = Assembler(bus.groups['electrical'])
     indices = []
     for count in [65534, 65535, 65536, 65540]:
-        (message,) = bus.encode_electrical(count, 1000 * count, np.full(12, 48.0), np.zeros(12))
+        (message,) = bus.encode('electrical', count, 1000 * count, np.full(12, 48.0), np.zeros(12))
         time = count * 1_000_000
         indices.append(assembler.add(0, count % 65536, time, time, message.data).number)
     assert indices == [0, 1, 2, 6]

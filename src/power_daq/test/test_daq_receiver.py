@@ -28,7 +28,8 @@ class Rig:
 
     def electrical(self, millisecond, current=1.0, length=64):
         us = 1000 * millisecond
-        (message,) = self.bus.encode_electrical(
+        (message,) = self.bus.encode(
+            'electrical',
             millisecond - self.counter_offset,
             self.device(us),
             np.full(12, 48.0),
@@ -40,8 +41,8 @@ class Rig:
 
     def joints(self, index, slots=(0, 1, 2, 3)):
         us = 2500 * index
-        messages = self.bus.encode_joints(
-            index - self.counter_offset, self.device(us), *np.ones((3, 12))
+        messages = self.bus.encode(
+            'joints', index - self.counter_offset, self.device(us), *np.ones((3, 12))
         )
         return [s for slot in slots for s in self.take(messages[slot], us + 100)]
 
@@ -169,8 +170,8 @@ def test_stamps_within_an_epoch_only_go_forward():
     stamps = []
     for millisecond in range(3000):
         us = 1000 * millisecond
-        (message,) = rig.bus.encode_electrical(
-            millisecond, rig.device(us), np.full(12, 48.0), np.zeros(12)
+        (message,) = rig.bus.encode(
+            'electrical', millisecond, rig.device(us), np.full(12, 48.0), np.zeros(12)
         )
         late = rng.exponential(500.0) + (20_000 if 1000 < millisecond < 1020 else 0)
         stamps += [s.stamp for s in rig.take(message, us + int(late))]
@@ -230,7 +231,7 @@ def test_three_drives_over_multiplexed_frames_with_small_counters_are_measured(t
     samples = []
     for count in range(10_000):
         us = 2000 * count
-        frames = bus.encode_electrical(count, us, [24.0] * 3, [0.01 * (count % 100), 1.0, -2.0])
+        frames = bus.encode('electrical', count, us, [24.0] * 3, [0.01 * (count % 100), 1.0, -2.0])
         if count in (5000, 5001):
             del frames[1]
         for message in frames:

@@ -24,6 +24,7 @@ from rclpy.context import Context
 from rclpy.qos import QoSProfile
 from rich.cells import cell_len
 from rich.console import Console
+from wattwalk_core.anymal import JOINT_NAMES
 
 from drive_power_msgs.msg import DriveSupply
 
@@ -36,9 +37,13 @@ def supply_messages(count, amps, *, first=0, status=0, start_ns=0):
     """`count` samples at 1 kHz of two drives at 48 V."""
     stamps = start_ns + MS * (first + np.arange(count))
     current = np.tile(np.asarray(amps, float), (count, 1))
-    return cdr.encode_drive_supply(
-        stamps, first, stamps, DRIVES, 48.0, current, [40.0, 60.0], np.full((count, 2), status)
-    )
+    given = (stamps, first, stamps, DRIVES, 48.0, current, [40.0, 60.0], status)
+    return cdr.in_a_list(*cdr.drive_supply_blocks(*given))
+
+
+def battery_messages(stamps):
+    """The supply at 50 V, which draws 4 A."""
+    return cdr.in_a_list(cdr.battery_block(stamps, [50.0] * len(stamps), [-4.0] * len(stamps)))
 
 
 def feed(state, topic, messages, now):
@@ -50,8 +55,7 @@ def a_second(**options):
     """A state that has heard one second of 1 A and −0.5 A, and of the supply at 50 V, −4 A."""
     state = MonitorState(0.0)
     feed(state, 'drive_supply', supply_messages(1001, [1.0, -0.5], **options), 1.0)
-    stamps = 10 * MS * np.arange(101)
-    feed(state, 'supply', cdr.encode_batteries(stamps, [50.0] * 101, [-4.0] * 101), 1.0)
+    feed(state, 'supply', battery_messages(10 * MS * np.arange(101)), 1.0)
     return state
 
 
@@ -98,8 +102,7 @@ def test_a_supply_of_any_rate_that_its_node_allows_has_an_energy(rate):
         now, before = 0.5 * look, 0.5 * (look - 1)
         part = [stamp for stamp in stamps if before <= stamp / 1e9 < now]
         if part:
-            batteries = cdr.encode_batteries(part, [50.0] * len(part), [-4.0] * len(part))
-            feed(state, 'supply', batteries, now)
+            feed(state, 'supply', battery_messages(part), now)
         view = state.view(now)
     assert view.supply_energy == pytest.approx(200.0 * 50.0)
 
@@ -175,14 +178,11 @@ def report(state, level=0, sentence='measuring'):
 
 
 def twelve_drives():
-    names = [
-        f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')
-    ]
     state = MonitorState(0.0)
     stamps = MS * np.arange(10)
     amps = np.linspace(-0.5, 3.0, 12) * np.ones((10, 1))
-    messages = cdr.encode_drive_supply(stamps, 0, stamps, names, 48.0, amps, np.full(12, 41.5))
-    feed(state, 'drive_supply', messages, 1.0)
+    given = (stamps, 0, stamps, JOINT_NAMES, 48.0, amps, np.full(12, 41.5))
+    feed(state, 'drive_supply', cdr.in_a_list(*cdr.drive_supply_blocks(*given)), 1.0)
     report(state, 1, 'in the last second: 3 electrical lost')
     return state
 

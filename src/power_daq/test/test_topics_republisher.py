@@ -254,12 +254,14 @@ def test_an_import_of_the_same_messages_has_the_same_samples(tmp_path):
     late = t[:-1] + 0.004
     with BagWriter(tmp_path / 'robot') as bag:
         stamps = START + np.rint(t * 1e9).astype(np.int64)
-        states = cdr.encode_joint_states(
-            stamps,
-            ['a', 'b'],
-            np.outer(t, [1, 2]),
-            np.tile([1.0, 2.0], (100, 1)),
-            np.tile([0.5, -0.5], (100, 1)),
+        states = cdr.in_a_list(
+            cdr.joint_state_block(
+                stamps,
+                ['a', 'b'],
+                np.outer(t, [1, 2]),
+                np.tile([1.0, 2.0], (100, 1)),
+                np.tile([0.5, -0.5], (100, 1)),
+            )
         )
         handle = bag.add_topic('/joint_states', cdr.JOINT_STATE)
         for stamp, raw in zip(stamps, states, strict=True):
@@ -267,7 +269,9 @@ def test_an_import_of_the_same_messages_has_the_same_samples(tmp_path):
         stamps = START + np.rint(late * 1e9).astype(np.int64)
         handle = bag.add_topic('/battery', cdr.BATTERY_STATE)
         for stamp, raw in zip(
-            stamps, cdr.encode_batteries(stamps, np.full(99, 48.0), -2 - late), strict=True
+            stamps,
+            cdr.in_a_list(cdr.battery_block(stamps, np.full(99, 48.0), -2 - late)),
+            strict=True,
         ):
             bag.write(handle, int(stamp), raw)
     import_logs([BagFile(tmp_path / 'robot')], mapping, 'map', tmp_path / 'out')

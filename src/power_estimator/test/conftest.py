@@ -126,26 +126,30 @@ def make_bag(
         'joint_states': (
             cdr.JOINT_STATE,
             states,
-            cdr.encode_joint_states(
-                states, names, arrays['position'], arrays['velocity'], arrays['torque']
+            cdr.in_a_list(
+                cdr.joint_state_block(
+                    states, names, arrays['position'], arrays['velocity'], arrays['torque']
+                )
             ),
         ),
         'joint_commands': (
             cdr.JOINT_STATE,
             commands,
-            cdr.encode_joint_states(commands, commanded, arrays['command']),
+            cdr.in_a_list(cdr.joint_state_block(commands, commanded, arrays['command'])),
         ),
         'drive_supply': (
             cdr.DRIVE_SUPPLY,
             drawn,
-            cdr.encode_drive_supply(
-                drawn, 0, drawn.astype(np.uint64), names, arrays['voltage'], arrays['current']
+            cdr.in_a_list(
+                *cdr.drive_supply_blocks(
+                    drawn, 0, drawn.astype(np.uint64), names, arrays['voltage'], arrays['current']
+                )
             ),
         ),
         'supply': (
             cdr.BATTERY_STATE,
             supplies,
-            cdr.encode_batteries(supplies, np.full(len(total), 48.0), -total / 48),
+            cdr.in_a_list(cdr.battery_block(supplies, np.full(len(total), 48.0), -total / 48)),
         ),
     }
     with BagWriter(folder) as bag:

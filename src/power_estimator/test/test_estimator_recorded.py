@@ -76,7 +76,7 @@ def test_a_recording_without_estimates_is_refused_by_name(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
         for stamp, data in enumerate(
-            cdr.encode_joint_states(np.arange(1, 5), ['A'], np.zeros((4, 1)))
+            cdr.in_a_list(cdr.joint_state_block(np.arange(1, 5), ['A'], np.zeros((4, 1))))
         ):
             bag.write(topic, stamp, data)
     with pytest.raises(InputError, match=r'bag has no power_estimate topic'):

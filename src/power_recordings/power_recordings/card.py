@@ -19,12 +19,6 @@ _COMPUTED: Literal['computed'] = 'computed'
 _PLAIN = (int, float, datetime.date)  # what YAML reads where text was meant, as in `unit: 3`
 
 
-def drive_type(name: str) -> str:
-    """Return `HAA`, `HFE` or `KFE` for a drive named like `LF_HAA`, else the whole name."""
-    suffix = name.rsplit('_', 1)[-1].upper()
-    return suffix if suffix in DRIVE_TYPES else name
-
-
 @schema
 class CardNote:
     """A note that was taken during a recording, with its ROS time in ISO 8601."""
@@ -71,8 +65,9 @@ class Card:
 
     @property
     def drive_types(self) -> Mapping[str, str]:
-        """Type of each measured drive, by its name."""
-        return {name: drive_type(name) for name in self.drives}
+        """Type of each measured drive: `HAA`, `HFE` or `KFE` of `LF_HAA`, else the whole name."""
+        ends = {name: name.rsplit('_', 1)[-1].upper() for name in self.drives}
+        return {name: end if end in DRIVE_TYPES else name for name, end in ends.items()}
 
     @property
     def imported(self) -> Mapping[str, Any]:
@@ -114,14 +109,12 @@ class Card:
         Raises InputError if there is none, it is not plain YAML, or a value has a wrong type.
         """
         file = path / FILE if path.is_dir() else path
-        content = read_yaml(file, 'card')
-        return cls.of({} if content is None else content, f'card {file}')
+        return cls.of(read_yaml(file, 'card'), f'card {file}')
 
     @classmethod
     def parse(cls, text: str, where: str) -> Self:
         """Read a card from YAML; InputError, which begins with `where`, as of `load`."""
-        content = parse_yaml(text, where)
-        return cls.of({} if content is None else content, where)
+        return cls.of(parse_yaml(text, where), where)
 
     @classmethod
     def of_source(
@@ -136,11 +129,12 @@ class Card:
         return card.with_derived_velocity(derived)
 
     @classmethod
-    def of(cls, content: Mapping[str, Any], where: str = 'card') -> Self:
-        """Build a card from keys and values as in the file; numbers and dates become text.
+    def of(cls, content: Mapping[str, Any] | None, where: str = 'card') -> Self:
+        """Build a card from keys and values as in the file, if any; numbers, dates become text.
 
         Raises InputError, which begins with `where`, for a value of a wrong type.
         """
+        content = {} if content is None else content
         if not isinstance(content, Mapping):
             return parse(cls, content, where)
         names = {f.name for f in fields(cls)} - {'other'}  # type: ignore[arg-type]

@@ -85,7 +85,9 @@ def test_recordings_are_joined_and_stay_apart(walk: Make, tmp_path: Path) -> Non
     second.topics['/foot_force'] = (
         cdr.JOINT_STATE,
         second.joint_stamps,
-        cdr.encode_joint_states(second.joint_stamps, ['LF_FOOT'], effort=np.ones((800, 1))),
+        cdr.in_a_list(
+            cdr.joint_state_block(second.joint_stamps, ['LF_FOOT'], effort=np.ones((800, 1)))
+        ),
     )
     paths = [first.write(tmp_path / 'a'), second.write(tmp_path / 'b')]
     data = load_aligned(paths)

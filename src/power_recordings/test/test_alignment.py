@@ -225,7 +225,7 @@ def test_supply_power_is_positive_while_the_battery_current_is_negative(
     sketch.topics['/supply'] = (
         cdr.BATTERY_STATE,
         times,
-        cdr.encode_batteries(times, np.full(200, 50.0), np.full(200, -6.0)),
+        cdr.in_a_list(cdr.battery_block(times, np.full(200, 50.0), np.full(200, -6.0))),
     )
     data = aligned(sketch, tmp_path)
     np.testing.assert_allclose(data.supply[:-10], 300, rtol=1e-5)
@@ -244,13 +244,17 @@ def test_other_topics_become_extras(walk: Make, tmp_path: Path) -> None:
         '/foot_force': (
             cdr.JOINT_STATE,
             times,
-            cdr.encode_joint_states(times, feet, effort=np.tile([4.0, 1.0, 3.0, 2.0], (800, 1))),
+            cdr.in_a_list(
+                cdr.joint_state_block(times, feet, effort=np.tile([4.0, 1.0, 3.0, 2.0], (800, 1)))
+            ),
         ),
-        '/imu': (cdr.IMU, times, cdr.encode_imu(times, turn, rate, -rate)),
+        '/imu': (cdr.IMU, times, cdr.in_a_list(cdr.imu_block(times, turn, rate, -rate))),
         '/cmd_vel': (
             cdr.TWIST_STAMPED,
             times[[0, 400]],
-            cdr.encode_twists(times[[0, 400]], np.array([[0.5, 0, 0], [0, 0.25, 1.0]])),
+            cdr.in_a_list(
+                cdr.twist_block(times[[0, 400]], np.array([[0.5, 0, 0], [0, 0.25, 1.0]]))
+            ),
         ),
     }
     data = aligned(sketch, tmp_path, smooth=False, rate=400.0)
@@ -281,7 +285,7 @@ def test_a_gap_in_an_extra_is_nan_and_ends_nothing(walk: Make, tmp_path: Path) -
     sketch.topics['/foot_force'] = (
         cdr.JOINT_STATE,
         times,
-        cdr.encode_joint_states(times, ['LF_FOOT'], effort=np.ones((len(times), 1))),
+        cdr.in_a_list(cdr.joint_state_block(times, ['LF_FOOT'], effort=np.ones((len(times), 1)))),
     )
     data = aligned(sketch, tmp_path, smooth=False, rate=400.0)
     assert len(spans(data)) == 1

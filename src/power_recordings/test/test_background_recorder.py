@@ -40,7 +40,7 @@ def test_a_slow_disk_drops_and_counts_but_holds_nobody_up(
     monkeypatch.setattr(bag, 'write', slow)
     recorder = BackgroundRecorder(bag, most_waiting=10_000)
     recorder.declare('/supply', cdr.BATTERY_STATE)
-    message = cdr.encode_batteries(np.zeros(1, np.int64), [1], [1])[0]
+    message = cdr.in_a_list(cdr.battery_block(np.zeros(1, np.int64), [1], [1]))[0]
     for i in range(500):
         recorder.put('/supply', i, message)
     waiting = recorder.progress()
@@ -79,8 +79,10 @@ def test_a_disk_that_fails_is_told_at_close_and_stops_the_queue(
 def test_losses_are_found_in_the_bytes(frame: str, size: int) -> None:
     stamps = np.arange(100)
     values = np.ones((100, 3))
-    block = cdr.encode_drive_supply(
-        stamps, 2**40, stamps, 'abc', values, values, samples_per_message=size, frame_id=frame
+    block = cdr.in_a_list(
+        *cdr.drive_supply_blocks(
+            stamps, 2**40, stamps, 'abc', values, values, samples_per_message=size, frame_id=frame
+        )
     )
     check = SequenceCheck()
     for message in block:

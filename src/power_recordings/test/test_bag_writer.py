@@ -26,7 +26,9 @@ NAMES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 def supply_messages(count: int) -> list[bytes]:
     stamps = START + np.arange(count) * 1_000_000
     wave = np.sin(np.arange(count)[:, None] / 50 + np.arange(3))
-    return cdr.encode_drive_supply(stamps, 0, np.arange(count), NAMES, 48 + wave, 2 * wave)
+    return cdr.in_a_list(
+        *cdr.drive_supply_blocks(stamps, 0, np.arange(count), NAMES, 48 + wave, 2 * wave)
+    )
 
 
 def write_bag(path: Path, count: int = 2000, **options: object) -> BagWriter:
@@ -34,7 +36,7 @@ def write_bag(path: Path, count: int = 2000, **options: object) -> BagWriter:
         supply = bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY)
         joints = bag.add_topic('/joint_states', cdr.JOINT_STATE, Qos('best_effort', depth=5))
         stamps = START + np.arange(count) * 1_000_000
-        states = cdr.encode_joint_states(stamps, NAMES, np.ones((count, 3)))
+        states = cdr.in_a_list(cdr.joint_state_block(stamps, NAMES, np.ones((count, 3))))
         for i, (message, state) in enumerate(zip(supply_messages(count), states, strict=True)):
             bag.write(supply, START + i * 1_000_000, message)
             if i % 2 == 0:
@@ -247,7 +249,8 @@ bag = BagWriter(Path(sys.argv[1]))
 topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
 noise = np.random.default_rng(0).normal(size=(40000, 12))
 stamps = np.arange(40000) * 1_000_000
-for stamp, message in zip(stamps, cdr.encode_joint_states(stamps, 'abcdefghijkl', noise)):
+block = cdr.joint_state_block(stamps, 'abcdefghijkl', noise)
+for stamp, message in zip(stamps, cdr.in_a_list(block)):
     bag.write(topic, stamp, message)
 """
 

@@ -40,7 +40,9 @@ def test_a_block_of_joint_states_equals_single_messages_byte_for_byte(
         )
         if is_there
     }
-    block = cdr.encode_joint_states(np.array(stamps), names, **given_fields, frame_id=frame)
+    block = cdr.in_a_list(
+        cdr.joint_state_block(np.array(stamps), names, **given_fields, frame_id=frame)
+    )
     assert block == [
         cdr.serialize(
             cdr.JOINT_STATE,
@@ -73,8 +75,19 @@ def test_a_block_of_drive_supply_equals_single_messages_byte_for_byte(
     status = data.draw(hnp.arrays(np.uint8, (samples, len(names))))
     stamps = first + np.arange(samples) * 1_000_003
     ticks = np.arange(samples, dtype=np.uint64) * 1_000_000
-    block = cdr.encode_drive_supply(
-        stamps, 40, ticks, names, voltage, current, celsius if known else None, status, size, frame
+    block = cdr.in_a_list(
+        *cdr.drive_supply_blocks(
+            stamps,
+            40,
+            ticks,
+            names,
+            voltage,
+            current,
+            celsius if known else None,
+            status,
+            size,
+            frame,
+        )
     )
     expected = []
     for start in range(0, samples, size):
@@ -102,24 +115,26 @@ def test_blocks_of_the_other_topics_come_back_as_they_went_in() -> None:
     stamps = np.array([5, 3_000_000_007])
     unit, rate, push = np.eye(4)[:2], np.array([[1, 2, 3], [4, 5, 6.5]]), -np.ones((2, 3))
     battery = cdr.deserialize(
-        cdr.BATTERY_STATE, cdr.encode_batteries(stamps, [48, 47.5], [-3, -9])[1]
+        cdr.BATTERY_STATE, cdr.in_a_list(cdr.battery_block(stamps, [48, 47.5], [-3, -9]))[1]
     )
     assert (battery.header.stamp.sec, battery.header.stamp.nanosec) == (3, 7)
     assert (battery.voltage, battery.current, battery.present) == (47.5, -9, True)
     assert np.isnan(battery.charge)
-    imu = cdr.deserialize(cdr.IMU, cdr.encode_imu(stamps, unit, rate, push)[1])
+    imu = cdr.deserialize(cdr.IMU, cdr.in_a_list(cdr.imu_block(stamps, unit, rate, push))[1])
     assert (imu.orientation.y, imu.angular_velocity.z, imu.linear_acceleration.x) == (1, 6.5, -1)
-    odom = cdr.deserialize(cdr.ODOMETRY, cdr.encode_odometry(stamps, rate, unit, push, rate)[0])
+    odom = cdr.deserialize(
+        cdr.ODOMETRY, cdr.in_a_list(cdr.odometry_block(stamps, rate, unit, push, rate))[0]
+    )
     assert (odom.pose.pose.position.y, odom.twist.twist.linear.z) == (2, -1)
     assert (odom.pose.pose.orientation.x, odom.twist.twist.angular.x) == (1, 1)
-    twist = cdr.deserialize(cdr.TWIST_STAMPED, cdr.encode_twists(stamps, rate)[1])
+    twist = cdr.deserialize(cdr.TWIST_STAMPED, cdr.in_a_list(cdr.twist_block(stamps, rate))[1])
     assert (twist.twist.linear.x, twist.twist.linear.y, twist.twist.angular.z) == (4, 5, 6.5)
 
 
 def test_columns_come_out_of_messages_of_one_layout_only() -> None:
     values = np.arange(12.0).reshape(4, 3)
-    block = cdr.encode_joint_states(np.arange(4), 'abc', values)
-    other = cdr.encode_joint_states(np.arange(4), 'abd', values)
+    block = cdr.in_a_list(cdr.joint_state_block(np.arange(4), 'abc', values))
+    other = cdr.in_a_list(cdr.joint_state_block(np.arange(4), 'abd', values))
     layout = Layout(cdr.typestore().fielddefs, cdr.JOINT_STATE, block[0])
     rows = np.frombuffer(b''.join([*block, other[0]]), np.uint8).reshape(5, -1)
     assert layout.matches(rows).tolist() == [True] * 4 + [False]
@@ -139,7 +154,7 @@ def test_big_endian_messages_are_understood() -> None:
 
 def test_every_cut_of_a_message_is_refused() -> None:
     store = cdr.typestore()
-    raw = cdr.encode_joint_states(np.arange(1), ['LF_HAA'], np.ones((1, 1)))[0]
+    raw = cdr.in_a_list(cdr.joint_state_block(np.arange(1), ['LF_HAA'], np.ones((1, 1))))[0]
     # The last eight bytes are the two empty arrays behind position.
     for length in range(len(raw)):
         with pytest.raises(ValueError, match=r'cut off|plain CDR|array of'):
@@ -175,10 +190,16 @@ def test_wrong_fields_and_types_are_quoted() -> None:
         cdr.full_name('sensor_msgs/Joints')
     assert cdr.full_name('sensor_msgs/JointState') == cdr.JOINT_STATE
     with pytest.raises(InputError, match='samples_per_message is 0'):
-        cdr.encode_drive_supply(np.arange(1), 0, np.arange(1), 'a', 0, 0, samples_per_message=0)
+        cdr.in_a_list(
+            *cdr.drive_supply_blocks(
+                np.arange(1), 0, np.arange(1), 'a', 0, 0, samples_per_message=0
+            )
+        )
     with pytest.raises(InputError, match='cannot serialize'):
         cdr.serialize(cdr.JOINT_STATE, cdr.message(cdr.BATTERY_STATE))
 
 
 def test_no_messages_make_no_bytes() -> None:
-    assert cdr.encode_joint_states(np.zeros(0, np.int64), 'ab', np.zeros((0, 2))) == []
+    assert (
+        cdr.in_a_list(cdr.joint_state_block(np.zeros(0, np.int64), 'ab', np.zeros((0, 2)))) == []
+    )

@@ -22,7 +22,7 @@ from power_recordings.index.store import (
     Stamp,
     usual_path,
 )
-from power_recordings.index.tables import Question, add_cards, listed
+from power_recordings.index.tables import add_cards, listed
 from synthetic_walk import Walk
 from wattwalk_core.errors import InputError
 
@@ -258,7 +258,7 @@ def test_cards_of_folders_are_listed_by_robot_unit_and_date(file, tmp_path, caps
         assert (added, len(left_out)) == (6, 1)
         assert 'broken' in left_out[0]
         assert add_cards(index, [tmp_path / 'bags'])[0] == 0
-        found = listed(index, Question('leg', '2', '2026-03-02', '2026-03-03'))
+        found = listed(index, 'leg', '2', '2026-03-02', '2026-03-03')
         assert [row['name'] for row in found] == ['day2']
     assert index_command(['--unit', '1', '--forget-lost']) == 0
     told = capsys.readouterr().out

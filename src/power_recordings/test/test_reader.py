@@ -76,8 +76,10 @@ def test_messages_of_several_samples_become_samples(tmp_path: Path) -> None:
     stamps = START + np.arange(10) * 1_000_000
     ticks = np.arange(10, dtype=np.uint64) * 1_000_200 + np.uint64(2**63)
     values = np.arange(20.0).reshape(10, 2)
-    block = cdr.encode_drive_supply(
-        stamps, 70, ticks, 'ab', values, -values, [30, 31], None, samples_per_message=4
+    block = cdr.in_a_list(
+        *cdr.drive_supply_blocks(
+            stamps, 70, ticks, 'ab', values, -values, [30, 31], None, samples_per_message=4
+        )
     )
     with BagWriter(tmp_path / 'walk') as bag:
         topic = bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY)
@@ -100,7 +102,9 @@ def test_names_in_another_order_from_message_to_message_are_put_in_order(tmp_pat
         topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
         for i, order in enumerate(orders):
             values = [{'a': 1.0, 'b': 2.0, 'c': 3.0, 'd': 4.0}[name] + 10 * i for name in order]
-            message = cdr.encode_joint_states(np.array([START + i]), order, [values])[0]
+            message = cdr.in_a_list(cdr.joint_state_block(np.array([START + i]), order, [values]))[
+                0
+            ]
             bag.write(topic, START + i, message)
     joints = Recording.open(tmp_path / 'walk').joint_states()
     assert joints.names == ('a', 'b', 'c', 'd')
@@ -125,14 +129,22 @@ def test_the_other_topics_become_samples(walk: Make, tmp_path: Path) -> None:
         cdr.message(cdr.POWER_ESTIMATE, model='ppn', name=['a'], power=[3.5], total=3.5, status=1),
     )
     sketch.topics = {
-        '/supply': (cdr.BATTERY_STATE, times, cdr.encode_batteries(times, [48] * 3, [-2, -3, 4])),
-        '/imu': (cdr.IMU, times, cdr.encode_imu(times, unit, rate, -rate)),
-        '/odom': (cdr.ODOMETRY, times, cdr.encode_odometry(times, rate, unit, -rate, 2 * rate)),
-        '/cmd_vel': (cdr.TWIST_STAMPED, times, cdr.encode_twists(times, rate)),
+        '/supply': (
+            cdr.BATTERY_STATE,
+            times,
+            cdr.in_a_list(cdr.battery_block(times, [48] * 3, [-2, -3, 4])),
+        ),
+        '/imu': (cdr.IMU, times, cdr.in_a_list(cdr.imu_block(times, unit, rate, -rate))),
+        '/odom': (
+            cdr.ODOMETRY,
+            times,
+            cdr.in_a_list(cdr.odometry_block(times, rate, unit, -rate, 2 * rate)),
+        ),
+        '/cmd_vel': (cdr.TWIST_STAMPED, times, cdr.in_a_list(cdr.twist_block(times, rate))),
         '/foot_force': (
             cdr.JOINT_STATE,
             times,
-            cdr.encode_joint_states(times, 'xy', effort=rate[:, :2]),
+            cdr.in_a_list(cdr.joint_state_block(times, 'xy', effort=rate[:, :2])),
         ),
         '/power_estimate': (cdr.POWER_ESTIMATE, times[:1], [estimate]),
     }
@@ -280,7 +292,7 @@ def test_a_bag_of_other_topics_is_refused_with_what_is_there(tmp_path: Path) -> 
 def test_a_topic_of_another_type_is_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'walk') as bag:
         topic = bag.add_topic('joint_states', cdr.BATTERY_STATE)
-        bag.write(topic, START, cdr.encode_batteries(np.array([START]), [1], [1])[0])
+        bag.write(topic, START, cdr.in_a_list(cdr.battery_block(np.array([START]), [1], [1]))[0])
     with pytest.raises(InputError, match=r'/joint_states is a sensor_msgs/msg/BatteryState'):
         Recording.open(tmp_path / 'walk').joint_states()
 
@@ -313,7 +325,7 @@ def test_another_definition_of_a_message_is_refused(tmp_path: Path) -> None:
 
 
 def test_damaged_messages_are_counted_and_left_out(tmp_path: Path) -> None:
-    good = cdr.encode_joint_states(START + np.arange(3), 'ab', np.ones((3, 2)))
+    good = cdr.in_a_list(cdr.joint_state_block(START + np.arange(3), 'ab', np.ones((3, 2))))
     with BagWriter(tmp_path / 'walk') as bag:
         topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
         for i, message in enumerate([good[0], good[1][:-20], b'', b'\0\3\0\0abcd', good[2]]):
@@ -336,7 +348,9 @@ def test_names_that_never_settle_are_an_error(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'walk') as bag:
         topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
         for i in range(300):
-            message = cdr.encode_joint_states(np.array([START + i]), [f'joint_{i:04}'], [[1.0]])
+            message = cdr.in_a_list(
+                cdr.joint_state_block(np.array([START + i]), [f'joint_{i:04}'], [[1.0]])
+            )
             bag.write(topic, START + i, message[0])
     recording = Recording.open(tmp_path / 'walk')
     with pytest.raises(InputError, match='change in nearly every message'):
@@ -350,7 +364,7 @@ def test_a_topic_that_cannot_be_used_does_not_keep_others_from_being_read(
     sketch.topics['/imu'] = (
         cdr.BATTERY_STATE,
         np.array([START]),
-        cdr.encode_batteries(np.array([START]), [1], [1]),
+        cdr.in_a_list(cdr.battery_block(np.array([START]), [1], [1])),
     )
     recording = Recording.open(sketch.write(tmp_path / 'walk'))
     assert len(recording.joint_states()) == 40
@@ -369,7 +383,7 @@ from power_recordings.writing.writer import BagWriter
 bag = BagWriter(Path(sys.argv[1]))
 topic = bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY)
 stamps, values = np.arange(21_000) * 1_000_000, np.ones((21_000, 2))
-messages = cdr.encode_drive_supply(stamps, 0, stamps, 'ab', values, values)
+messages = cdr.in_a_list(*cdr.drive_supply_blocks(stamps, 0, stamps, 'ab', values, values))
 for i, message in enumerate(messages):
     bag.write(topic, i * 1_000_000, message)
     if i == 20_000:

@@ -8,9 +8,10 @@ from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import Weights
 from power_recordings.card import Card
 from power_recordings.messages.cdr import (
-    encode_batteries,
-    encode_drive_supply,
-    encode_joint_states,
+    battery_block,
+    drive_supply_blocks,
+    in_a_list,
+    joint_state_block,
 )
 from power_workbench.live.follower import LiveFollower
 from power_workbench.live.rolling import PERIOD, RollingPower
@@ -115,10 +116,12 @@ def test_silence_is_said_with_its_length_and_what_to_start():
 def test_the_budget_joins_the_meters_and_what_the_estimator_reports():
     """48 V · 1 A at the drive, of which 40 W are explained; 50 V · 2 A at the supply."""
     follower, stamps = LiveFollower(0.0), MS * np.arange(100)
-    drives = encode_drive_supply(
-        stamps, 0, stamps, ['A'], 48.0, np.ones((100, 1)), [40.0], np.zeros((100, 1))
+    drives = in_a_list(
+        *drive_supply_blocks(
+            stamps, 0, stamps, ['A'], 48.0, np.ones((100, 1)), [40.0], np.zeros((100, 1))
+        )
     )
-    supply = encode_batteries(10 * stamps, [50.0] * 100, [-2.0] * 100)
+    supply = in_a_list(battery_block(10 * stamps, [50.0] * 100, [-2.0] * 100))
     for topic, messages in (('drive_supply', drives), ('supply', supply)):
         for message in messages:
             follower.buffers[topic].take(message, 1.0)
@@ -159,9 +162,9 @@ def test_a_card_keeps_marks_with_their_times(tmp_path):
 def fill(follower, *, targets):
     """Half a second of one joint that carries 10 N·m at 2 rad/s."""
     stamps, zeros = 5_000_000_000 + 2_500_000 * np.arange(200), np.zeros((200, 1))
-    for row in encode_joint_states(stamps, ['A_HAA'], zeros, zeros + 2.0, zeros + 10.0):
+    for row in in_a_list(joint_state_block(stamps, ['A_HAA'], zeros, zeros + 2.0, zeros + 10.0)):
         follower.buffers['joint_states'].take(row, 0.4)
-    for row in encode_joint_states(stamps, ['A_HAA'], zeros) if targets else ():
+    for row in in_a_list(joint_state_block(stamps, ['A_HAA'], zeros)) if targets else ():
         follower.buffers['joint_commands'].take(row, 0.4)
 
 

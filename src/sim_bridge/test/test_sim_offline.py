@@ -95,10 +95,10 @@ def test_samples_are_complete_in_order_and_on_the_devices_clock(walk):
 def test_values_are_those_that_survive_the_wire(walk):
     recording, bus = Recording.open(walk), BusDescription.load()
     supply, joints = recording.drive_supply(), recording.joint_states()
-    voltage, current = bus.quantise_electrical(supply.voltage, supply.current)
+    voltage, current = bus.quantise('electrical', supply.voltage, supply.current)
     np.testing.assert_allclose(voltage, supply.voltage, atol=1e-5)
     np.testing.assert_allclose(current, supply.current, atol=1e-5)
-    position, _, torque = bus.quantise_joints(joints.position, joints.velocity, joints.effort)
+    position, _, torque = bus.quantise('joints', joints.position, joints.velocity, joints.effort)
     np.testing.assert_allclose(position, joints.position, atol=1e-6)
     np.testing.assert_allclose(torque, joints.effort, atol=1e-5)
 

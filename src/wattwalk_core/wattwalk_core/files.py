@@ -49,8 +49,7 @@ def read_bytes(path: Path, what: str, limit: int) -> bytes:
         with path.open('rb') as file:
             data = file.read(limit + 1 if status.st_size <= limit else 0)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f'cannot read {what} {path}: {reason}') from error
+        raise InputError(f'cannot read {what} {path}: {reason(error)}') from error
     if max(len(data), status.st_size) > limit:
         raise InputError(f'{what} {path}: larger than {limit >> 10} KiB')
     return data

@@ -42,3 +42,32 @@ class Worker(ABC):
     @abstractmethod
     def _work(self) -> None:
         """Do the work of the thread; return soon after `_stop` is set."""
+
+
+class DeviceWorker(Worker):
+    """Serves a device again and again, after a loss with pauses from `first` to `last` s.
+
+    Each pause is twice the one before; the first counts again once the device has given something.
+    """
+
+    def __init__(self, name: str, first: float, last: float) -> None:
+        super().__init__(name)
+        self._first_pause, self._last_pause = first, last
+
+    def _work(self) -> None:
+        pause = 0.0
+        while not self._stop.is_set():
+            before = self._given
+            self._serve_once()
+            is_first = not pause or self._given > before
+            pause = self._first_pause if is_first else min(2 * pause, self._last_pause)
+            self._stop.wait(pause)
+
+    @property
+    @abstractmethod
+    def _given(self) -> int:
+        """Number of things that the device has given so far."""
+
+    @abstractmethod
+    def _serve_once(self) -> None:
+        """Open the device and serve it until it is lost or `_stop` is set."""

@@ -11,11 +11,10 @@ from queue import Empty, SimpleQueue
 
 import can
 from wattwalk_core.nodes.fault_log import LogTarget
-from wattwalk_core.worker import Worker
+from wattwalk_core.worker import DeviceWorker
 
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.unix_socket import MalformedPacketError
-from power_daq.clock.mapping import Pauses
 
 
 class QueryRounds:
@@ -135,7 +134,7 @@ class Arrivals:
         return steady - age if steady >= self._known_from and 0 < age < self._largest else steady
 
 
-class Acquisition(Worker):
+class Acquisition(DeviceWorker):
     """Reads a bus in a thread of its own and hands samples to a sink.
 
     open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
@@ -159,7 +158,7 @@ class Acquisition(Worker):
         self._sink = sink
         self._patience = patience or Patience()
         self.queries = queries
-        super().__init__('acquisition')
+        super().__init__('acquisition', self._patience.first_retry, self._patience.last_retry)
         self._bus: can.BusABC | None = None
         self.absence = 'not opened yet'
         self.opened = 0
@@ -172,17 +171,11 @@ class Acquisition(Worker):
         age = time.monotonic_ns() - self.receiver.last_mapped
         return BusState.ACTIVE if age < self._patience.silence * _S else BusState.SILENT
 
-    def _work(self) -> None:
-        pauses = Pauses(self._patience.first_retry, self._patience.last_retry)
-        while not self._stop.is_set():
-            mapped = self.receiver.counts.mapped
-            self._serve_once()
-            if self.receiver.counts.mapped > mapped:
-                pauses.reset()
-            pauses.wait(self._stop)
+    @property
+    def _given(self) -> int:
+        return self.receiver.counts.mapped
 
     def _serve_once(self) -> None:
-        """Open the bus and read it until it is lost or the thread has to end."""
         try:
             bus = self._open_bus()
         except (can.CanError, OSError) as error:

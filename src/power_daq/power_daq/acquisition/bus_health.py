@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping
 
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
 
 from power_daq.acquisition.bus_acquisition import Acquisition, BusState, SampleQueue
 from power_daq.acquisition.receiver import Interleaver
@@ -127,19 +127,15 @@ class BusHealth:
         state = self._acquisition.state
         if state is BusState.ABSENT:
             return Level.ERROR, f'bus absent: {self._acquisition.absence}'
-        faults = [
-            f'{count:.0f} {name}'
-            for name, count in news.items()
-            if count > 0 and name.endswith(_FAULTS)
-        ]
+        found = faults(news, lambda name: name.endswith(_FAULTS))
         if state is BusState.SILENT:
-            instead = f', but {", ".join(faults)}' if faults else ''
+            instead = f', but {found}' if found else ''
             sentence = f'bus silent: no frame of the mapping comes{instead}{self._unknown_nodes()}'
             return Level.ERROR, sentence
         if silent := self._silent_frames():
             return Level.WARN, f'no frames of {silent}{self._unknown_nodes()}'
-        if faults:
-            return Level.WARN, 'in the last second: ' + ', '.join(faults)
+        if found:
+            return Level.WARN, f'in the last second: {found}'
         for name, rate in rates.items():
             nominal = self._description.groups[name].rate
             if nominal >= 100 and abs(rate - nominal) > _RATE_SLACK * nominal:

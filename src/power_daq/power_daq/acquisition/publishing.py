@@ -85,17 +85,14 @@ class SupplyPublisher:
         message.voltage = array('f', packed[0].tobytes())
         message.current = array('f', packed[1].tobytes())
         message.status = array('B', values[2].astype(np.uint8).tobytes())
-        self._forget_old_temperature(first.stamp)
+        warmth = self._temperature_stamp
+        if warmth is not None and abs(first.stamp - warmth) > _TEMPERATURE_LIFETIME:
+            message.temperature = array('f')
+            self._temperature_stamp = None
         self._publisher.publish(message)
         sent = len(samples)
         samples.clear()
         return sent
-
-    def _forget_old_temperature(self, now: int) -> None:
-        stamp = self._temperature_stamp
-        if stamp is not None and abs(now - stamp) > _TEMPERATURE_LIFETIME:
-            self._message.temperature = array('f')
-            self._temperature_stamp = None
 
 
 class JointStatePublisher:

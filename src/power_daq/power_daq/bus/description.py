@@ -1,6 +1,6 @@
 """Description of the bus of a robot: a DBC and the mapping of its signals to drives."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from wattwalk_core.errors import InputError, quoted
 
 from power_daq.bus.frame import Frame, Route, bind_frame, find_message, head_values, heads
 from power_daq.bus.frame_group import FrameGroup
-from power_daq.bus.mapping import BusMapping, load_mapping
+from power_daq.bus.mapping import REQUIRED, BusMapping, load_mapping
 from power_daq.bus.moteus import REGISTERS, MoteusRegisters
 from power_daq.bus.signal_layout import SignalLayout
 
@@ -41,6 +41,10 @@ class BusDescription:
         }
         self.nodes = mapping.nodes
         self.polled = None if mapping.poll is None else self._polled(mapping)
+        joints = self.groups.get('joints')
+        # `joint` or `motor` by drive, as far as the mapping says it; A where it is a current.
+        self.torque_at: Mapping[str, str] = {} if joints is None else joints.torque_at
+        self.torque_unit: Mapping[str, str] = {} if joints is None else joints.torque_unit
         self._sync: Frame | None = None
         if mapping.sync is not None:
             message = find_message(database, mapping.sync)
@@ -93,16 +97,6 @@ class BusDescription:
         """Highest rate of the groups, Hz."""
         return max(group.rate for group in self.groups.values())
 
-    @cached_property
-    def torque_at(self) -> Mapping[str, str]:
-        """`joint` or `motor` by drive, of the drives of which the mapping says it."""
-        return self.groups['joints'].torque_at if 'joints' in self.groups else {}
-
-    @cached_property
-    def torque_unit(self) -> Mapping[str, str]:
-        """A by drive, of the drives whose torque is the motor's current."""
-        return self.groups['joints'].torque_unit if 'joints' in self.groups else {}
-
     def _known(self, database: Database) -> Iterator[int]:
         shift, numbers = 0, [0]
         if self.nodes is not None:
@@ -114,20 +108,20 @@ class BusDescription:
                 yield identifier | extended << 31
 
     def _clocks(self, mapping: BusMapping) -> Mapping[str, tuple[float, int]]:
+        """Return nanoseconds of a tick and bits of each device's clock, by its name."""
         clocks: dict[str, tuple[float, int]] = {}
-        for frame in self._all_frames():
-            form = frame.clock_form
-            if form is not None and clocks.setdefault(frame.clock, form) != form:
+        frames = [frame for group in self.groups.values() for frame in group.frames]
+        for frame in frames if self._sync is None else [self._sync, *frames]:
+            if frame.time is None:
+                continue
+            form = frame.ns_per_tick, frame.time.length
+            if clocks.setdefault(frame.clock, form) != form:
                 raise InputError(
                     f'mapping {mapping.path}: message {frame.message.name!r} shows clock '
                     f'{frame.clock!r} in another resolution or size than the frames before it; '
                     "give it a name of its own with 'clock'"
                 )
         return clocks
-
-    def _all_frames(self) -> list[Frame]:
-        frames = [frame for group in self.groups.values() for frame in group.frames]
-        return frames if self._sync is None else [self._sync, *frames]
 
     @cached_property
     def routes(self) -> Mapping[int, tuple[Route, ...]]:
@@ -160,74 +154,40 @@ class BusDescription:
         placed, factors = heads([self._sync])
         return SignalLayout(placed, self._sync.size, factors)
 
-    def encode_electrical(
-        self,
-        counter: int,
-        device_us: int,
-        voltage: ArrayLike,
-        current: ArrayLike,
-        status: ArrayLike | None = None,
+    def encode(
+        self, name: str, counter: int, device_us: int, *quantities: ArrayLike
     ) -> list[can.Message]:
-        """Return the frames of one sample of voltage [D] and current [D] with status flags [D].
+        """Return the frames of one sample of a group, of its first quantities, each [D].
 
-        Values beyond the range of their signals are clipped and flagged under- or overrange; NaN
-        becomes 0 and is flagged as an error of the device.
+        Electrical values beyond the range of their signals are clipped and flagged under- or
+        overrange; NaN becomes 0 and is flagged as an error of the device.
         """
-        group = self._group('electrical')
+        group = self._group(name)
+        if not len(REQUIRED[name]) <= len(quantities) <= len(group.quantities):
+            raise ValueError(f'{name} has {", ".join(group.quantities)}, not {len(quantities)}')
         values = np.zeros((len(group.quantities), len(self.drives)))
-        values[0], values[1] = voltage, current
-        if status is not None:
-            values[2] = status
+        for row, given in zip(values, quantities, strict=False):
+            row[:] = given
         values = values[:, group.columns]
         least, greatest = group.limits
-        if not ((values >= least) & (values <= greatest)).all():
+        if name == 'electrical' and not ((values >= least) & (values <= greatest)).all():
             values[2] = _flag(values[:2], least[:2], greatest[:2], values[2])
-        return _messages(group, group.encode(counter, device_us, values))
+        payloads = group.encode(counter, device_us, values)
+        return [_message(frame, data) for frame, data in zip(group.frames, payloads, strict=True)]
 
-    def encode_joints(
-        self,
-        counter: int,
-        device_us: int,
-        position: ArrayLike,
-        velocity: ArrayLike,
-        torque: ArrayLike,
-    ) -> list[can.Message]:
-        """Return the frames of one sample of position [D], velocity [D] and torque [D]."""
-        values = np.array([position, velocity, torque], float)
-        group = self._group('joints')
-        return _messages(group, group.encode(counter, device_us, values[:, group.columns]))
+    def quantise(self, name: str, *quantities: ArrayLike) -> list[Floats]:
+        """Return the first quantities of a group, each [..., D], as they are received.
 
-    def encode_temperature(
-        self, counter: int, device_us: int, temperature: ArrayLike
-    ) -> list[can.Message]:
-        """Return the frames of one sample of winding temperature [D]."""
-        values = np.array([temperature], float)
-        group = self._group('temperature')
-        return _messages(group, group.encode(counter, device_us, values[:, group.columns]))
-
-    def quantise_electrical(self, voltage: ArrayLike, current: ArrayLike) -> tuple[Floats, Floats]:
-        """Return voltage and current [..., D] as received; NaN for drives that are not mapped."""
-        status = np.zeros(np.shape(voltage))
-        result = self._quantise('electrical', voltage, current, status)
-        return result[..., 0, :], result[..., 1, :]
-
-    def quantise_joints(
-        self, position: ArrayLike, velocity: ArrayLike, torque: ArrayLike
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return position, velocity and torque [..., D] as received."""
-        result = self._quantise('joints', position, velocity, torque)
-        return result[..., 0, :], result[..., 1, :], result[..., 2, :]
-
-    def quantise_temperature(self, temperature: ArrayLike) -> Floats:
-        """Return temperature [..., D] as received."""
-        return self._quantise('temperature', temperature)[..., 0, :]
-
-    def _quantise(self, name: str, *quantities: ArrayLike) -> Floats:
+        NaN for drives that are not mapped.
+        """
         group = self._group(name)
-        values = np.stack([np.asarray(q, float) for q in quantities], axis=-2)
+        *rows, drives = np.shape(quantities[0])
+        values = np.zeros((*rows, len(group.quantities), drives))
+        for row, given in enumerate(quantities):
+            values[..., row, :] = given
         result = np.full(values.shape, np.nan)
         result[..., group.columns] = group.quantise(values[..., group.columns])
-        return result
+        return [result[..., row, :] for row in range(len(quantities))]
 
     def _group(self, name: str) -> FrameGroup:
         if name not in self.groups:
@@ -258,10 +218,6 @@ def _message(frame: Frame, payload: bytes) -> can.Message:
         data=payload,
         check=False,
     )
-
-
-def _messages(group: FrameGroup, payloads: Sequence[bytes]) -> list[can.Message]:
-    return [_message(frame, data) for frame, data in zip(group.frames, payloads, strict=True)]
 
 
 def _flag(values: Floats, least: Floats, greatest: Floats, status: Floats) -> Floats:

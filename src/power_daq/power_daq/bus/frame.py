@@ -43,11 +43,6 @@ class Frame:
         """Identifier as SocketCAN writes it: bit 31 marks an extended one."""
         return self.identifier | self.is_extended << 31
 
-    @property
-    def clock_form(self) -> tuple[float, int] | None:
-        """Nanoseconds of a tick and bits of the device's clock; None without one."""
-        return None if self.time is None else (self.ns_per_tick, self.time.length)
-
 
 @dataclass(frozen=True)
 class Route:

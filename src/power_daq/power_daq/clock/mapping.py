@@ -10,7 +10,6 @@ time do not affect the fit.
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from threading import Event
 
@@ -18,29 +17,18 @@ _MS = 1_000_000
 _S = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class ClockLimits:
-    """Limits between noise and changes of the clocks; in ns unless stated otherwise.
-
-    bin: interval of which the least delayed frame is kept; window: bins that are fitted; settle:
-    time until stamps are valid; drift_after: time until drift is fitted; recent: bins that
-    determine the offset before that; backward: least step back that is a jump of the device
-    clock; early: least step ahead, below all delays of the epoch, that is one; shift: change of
-    the least delay that discards older bins; shift_bins: bins that a rise has to last for that;
-    correction: largest change of the mapping that is faded in; drift: largest accepted (1).
-    """
-
-    bin: int = 100 * _MS
-    window: int = 200
-    settle: int = 250 * _MS
-    drift_after: int = 2 * _S
-    recent: int = 5
-    backward: int = 20 * _MS
-    early: int = 5 * _MS
-    shift: int = 500_000
-    shift_bins: int = 200
-    correction: int = 20 * _MS
-    drift: float = 500e-6
+# Limits between noise and changes of the clocks; in ns unless stated otherwise.
+_BIN = 100 * _MS  # interval of which the least delayed frame is kept
+_WINDOW = 200  # bins that are fitted
+_SETTLE = 250 * _MS  # time until stamps are valid
+_DRIFT_AFTER = 2 * _S  # time until drift is fitted
+_RECENT = 5  # bins that determine the offset before that
+_BACKWARD = 20 * _MS  # least step back that is a jump of the device clock
+_EARLY = 5 * _MS  # least step ahead, below all delays of the epoch, that is one
+_SHIFT = 500_000  # change of the least delay that discards older bins
+_SHIFT_BINS = 200  # bins that a rise has to last for that
+_CORRECTION = 20 * _MS  # largest change of the mapping that is faded in
+_DRIFT = 500e-6  # largest accepted (1)
 
 
 class WrappingCounter:
@@ -88,8 +76,7 @@ class ClockMapping:
     new epoch: its offset is unknown, its drift is kept.
     """
 
-    def __init__(self, ns_per_tick: float, bits: int, limits: ClockLimits | None = None) -> None:
-        self._limits = limits or ClockLimits()
+    def __init__(self, ns_per_tick: float, bits: int) -> None:
         self._tick = ns_per_tick
         self._counter = WrappingCounter(bits)
         self._raw: int | None = None
@@ -110,13 +97,13 @@ class ClockMapping:
     def _forget(self, device: int, lag: int) -> None:
         """Restart the fit from one point and keep the drift."""
         self._fit_start = device
-        self._points: deque[Point] = deque(maxlen=self._limits.window)
-        self._floors: deque[float] = deque(maxlen=self._limits.shift_bins)
+        self._points: deque[Point] = deque(maxlen=_WINDOW)
+        self._floors: deque[float] = deque(maxlen=_SHIFT_BINS)
         self._anchor, self._level = device, float(lag - self._base)
         self._open_bin(device, lag)
 
     def _open_bin(self, device: int, lag: int) -> None:
-        self._bin_end = device - device % self._limits.bin + self._limits.bin
+        self._bin_end = device - device % _BIN + _BIN
         self._best = device, lag
         self._least = lag - self._base - self._line(device)
         self._sum, self._count, self._worst = 0.0, 0, 0.0
@@ -138,9 +125,9 @@ class ClockMapping:
         device = round(self._ticks * self._tick)
         lag = arrival - device
         late = lag - self._base - self._line(device)
-        drifting = device - self._fit_start >= self._limits.drift_after
-        backward = device < self._newest - self._limits.backward
-        leapt = gained * self._tick - elapsed > self._limits.early
+        drifting = device - self._fit_start >= _DRIFT_AFTER
+        backward = device < self._newest - _BACKWARD
+        leapt = gained * self._tick - elapsed > _EARLY
         if backward or (leapt and drifting and self._below_all(device, lag)):
             self.epoch += 1
             self._ticks = raw
@@ -153,7 +140,7 @@ class ClockMapping:
         self._worst = max(self._worst, late)
         if late < self._least:
             self._best, self._least = (device, lag), late
-            if late < (-self._limits.shift if drifting else 0):
+            if late < (-_SHIFT if drifting else 0):
                 self._move(device, lag, drifting)
         if device >= self._bin_end:
             self._close_bin(device, lag)
@@ -167,7 +154,7 @@ class ClockMapping:
         here, but by the counters of its frames.
         """
         floor = self._floor + self.drift * (device - self._floor_at)
-        return lag - self._base < floor - self._limits.early
+        return lag - self._base < floor - _EARLY
 
     def _sink(self, device: int) -> None:
         """Lower the floor to the line, and move it with the drift."""
@@ -186,14 +173,13 @@ class ClockMapping:
         self._blend(device, published)
 
     def _close_bin(self, device: int, lag: int) -> None:
-        limits = self._limits
         self.delay_mean = self._sum / self._count if self._count else 0.0
         self.delay_worst = self._worst
         x, y = self._best
         self._points.append((x - self._start, y - self._base))
         self._floors.append(self._least)
-        if len(self._floors) == limits.shift_bins and min(self._floors) > limits.shift:
-            kept = list(self._points)[-limits.recent :]
+        if len(self._floors) == _SHIFT_BINS and min(self._floors) > _SHIFT:
+            kept = list(self._points)[-_RECENT:]
             self._points.clear()
             self._points.extend(kept)
             self._floors.clear()
@@ -201,18 +187,18 @@ class ClockMapping:
         self._fit(device)
         self._sink(device)
         self._blend(device, published)
-        self.settled = self.settled or device - self._start >= limits.settle
+        self.settled = self.settled or device - self._start >= _SETTLE
         self._open_bin(device, lag)
 
     def _fit(self, device: int) -> None:
-        if self._points[-1][0] - self._points[0][0] >= self._limits.drift_after:
-            found = line_below(self._points, self._limits.drift)
+        if self._points[-1][0] - self._points[0][0] >= _DRIFT_AFTER:
+            found = line_below(self._points, _DRIFT)
             # None: delays grow faster than clocks drift, as when the sender falls behind.
             if found is not None:
                 (x, y), self.drift = found
                 self._anchor, self._level = x + self._start, float(y)
             return
-        recent = list(self._points)[-self._limits.recent :]
+        recent = list(self._points)[-_RECENT:]
         origin = self._points[-1][0]
         self._anchor = origin + self._start
         self._level = min(y - self.drift * (x - origin) for x, y in recent)
@@ -220,7 +206,7 @@ class ClockMapping:
     def _blend(self, device: int, published: float) -> None:
         self._fade_from = device
         self._correction = published - self._line(device) if self.settled else 0.0
-        if abs(self._correction) > self._limits.correction:
+        if abs(self._correction) > _CORRECTION:
             self.epoch += 1
             self._correction = 0.0
 
@@ -228,7 +214,7 @@ class ClockMapping:
         return self._level + self.drift * (device - self._anchor)
 
     def _published(self, device: int) -> float:
-        fade = 1.0 - (device - self._fade_from) / self._limits.bin
+        fade = 1.0 - (device - self._fade_from) / _BIN
         return self._line(device) + self._correction * min(1.0, max(0.0, fade))
 
     def to_steady(self, device: int) -> int:
@@ -334,20 +320,3 @@ class Slots:
         """Return the number of slots that have ended without one of so many samples."""
         self._lost = max(self._lost, int(self._elapsed() / self.period) - 1 - samples)
         return self._lost
-
-
-class Pauses:
-    """Pauses between attempts: each twice the one before, from `first` to `last` s."""
-
-    def __init__(self, first: float, last: float) -> None:
-        self._first, self._last = first, last
-        self._next = first
-
-    def wait(self, stop: Event) -> None:
-        """Wait for the next pause, or until `stop` is set."""
-        stop.wait(self._next)
-        self._next = min(2 * self._next, self._last)
-
-    def reset(self) -> None:
-        """Begin with the first pause again."""
-        self._next = self._first

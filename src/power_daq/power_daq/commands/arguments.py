@@ -54,7 +54,7 @@ example, a map of yours (docs/how-to/own_bus.md), where the robot has its own jo
 
 
 @entry_point(
-    'power_daq.commands.topics:run',
+    'power_daq.nodes.topics:run',
     'Publishes drive_supply, joint_states and supply from whatever topics a robot has, '
     'by the map of an import.',
     _TOPICS,
@@ -82,7 +82,7 @@ examples:
 
 
 @entry_point(
-    'power_daq.commands.watch:run',
+    'power_daq.nodes.watch:run',
     'Shows what a running measurement measures: watts of each drive, the '
     'supply, energy, where the watts of the last ten seconds went, losses, clocks, the bus and '
     'the recorder.',

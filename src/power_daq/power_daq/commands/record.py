@@ -8,7 +8,7 @@ from typing import Any
 
 from power_recordings.card import Card
 from power_recordings.messages.cdr import full_name
-from power_recordings.messages.types import TYPES, message_class
+from power_recordings.messages.topics import TYPES, message_class
 from power_recordings.writing.background import BackgroundRecorder
 from power_recordings.writing.metadata import CardFile
 from power_recordings.writing.writer import BagWriter, make_way

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.calibration import Calibration
 from wattwalk_core.arrays import Floats
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
 from wattwalk_core.nodes.fault_log import LogTarget
-from wattwalk_core.worker import Worker
+from wattwalk_core.worker import DeviceWorker
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.acquisition.receiver import Sample
-from power_daq.clock.mapping import Pauses, RosTime, Slots, Stamper
+from power_daq.clock.mapping import RosTime, Slots, Stamper
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.terminals import (
     EthercatSegment,
@@ -54,7 +54,7 @@ class CycleCounts:
     device_errors: int = 0
 
 
-class SegmentAcquisition(Worker):
+class SegmentAcquisition(DeviceWorker):
     """Exchanges process data each cycle, and hands samples to a sink.
 
     The value in a frame was converted after the frame before, which triggered it (filter off:
@@ -92,21 +92,16 @@ class SegmentAcquisition(Worker):
             )
         self._toggles: list[bool | None] = [None] * len(self._channels)
         self._slots = Slots(mapping.cycle)
-        super().__init__('ethercat')
+        super().__init__('ethercat', self._patience.first_retry, self._patience.last_retry)
 
     @property
     def lost(self) -> int:
         """Cycles without a sample since the first one."""
         return self._slots.lost(self.counts.cycles)
 
-    def _work(self) -> None:
-        pauses = Pauses(self._patience.first_retry, self._patience.last_retry)
-        while not self._stop.is_set():
-            cycles = self.counts.cycles
-            self._serve_once()
-            if self.counts.cycles > cycles:
-                pauses.reset()
-            pauses.wait(self._stop)
+    @property
+    def _given(self) -> int:
+        return self.counts.cycles
 
     def _serve_once(self) -> None:
         segment = self._make()
@@ -243,13 +238,8 @@ class SegmentHealth:
         acquisition = self._acquisition
         if acquisition.absence:
             return Level.ERROR, f'segment absent: {acquisition.absence}'
-        faults = [
-            f'{count:.0f} {name}'
-            for name, count in news.items()
-            if count > 0 and name not in _NO_FAULT
-        ]
-        if faults:
-            return Level.WARN, 'in the last second: ' + ', '.join(faults)
+        if found := faults(news, lambda name: name not in _NO_FAULT):
+            return Level.WARN, f'in the last second: {found}'
         nominal = 1.0 / acquisition.mapping.cycle
         if rate is not None and rate < (1 - _RATE_SLACK) * nominal:
             return Level.WARN, f'electrical at {rate:.0f} Hz, not {nominal:.0f} Hz'

@@ -115,14 +115,12 @@ def _check_channels(
 
 def _key(place: ChannelMapping, segment: tuple[TerminalType, ...]) -> tuple[int, int]:
     """Return terminal and channel; ValueError where the segment does not have them."""
-    _check_index('terminal', place.terminal, 0, len(segment) - 1)
+    wrong = '{}: expected a whole number from {} to {}, there is {}'
+    if not 0 <= place.terminal < len(segment):
+        raise ValueError(wrong.format('terminal', 0, len(segment) - 1, place.terminal))
     kind = segment[place.terminal]
     if not kind.channels:
         raise ValueError(f'terminal: {kind.name} at {place.terminal} measures nothing')
-    _check_index('channel', place.channel, 1, kind.channels)
+    if not 1 <= place.channel <= kind.channels:
+        raise ValueError(wrong.format('channel', 1, kind.channels, place.channel))
     return place.terminal, place.channel
-
-
-def _check_index(name: str, value: int, low: int, high: int) -> None:
-    if not low <= value <= high:
-        raise ValueError(f'{name}: expected a whole number from {low} to {high}, there is {value}')

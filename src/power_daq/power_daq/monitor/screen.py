@@ -43,7 +43,8 @@ class Screen:
             return
         plain = not options.encoding.lower().startswith('utf')
         width = options.max_width
-        yield _title(view, self.clock, width)
+        watched = f'{self.clock}  watching for {_duration(view.seconds)}'
+        yield Text(f'{"wattwalk":<{max(9, width - len(watched))}}{watched}', style='bold')
         yield self._drives(view, width, plain)
         yield from _sums(view, width)
         yield _sides(view, width)
@@ -109,41 +110,30 @@ def _fitting(warnings: Sequence[str]) -> Sequence[str]:
     return (f'{warnings[0]}, and {len(warnings) - 1} more: {names}',)
 
 
-def _title(view: View, clock: str, width: int) -> Text:
-    watched = f'{clock}  watching for {_duration(view.seconds)}'
-    return Text(f'{"wattwalk":<{max(9, width - len(watched))}}{watched}', style='bold')
-
-
 def _sums(view: View, width: int) -> RenderResult:
     estimate = ''
     if view.model:
         estimate = f'  estimate {_watts(view.estimate)}, {view.estimate_status}  {view.model}'
-    yield Text.assemble(
-        ('drives  ', 'bold'),
-        f'{_watts(view.total):>9}',
-        (estimate, _FAINT if view.estimate_status == 'ok' else _ORANGE),
-        no_wrap=True,
-        overflow='ellipsis',
-    )
-    yield Text.assemble(
-        ('supply  ', 'bold'),
+    shown = _FAINT if view.estimate_status == 'ok' else _ORANGE
+    yield _row('drives  ', f'{_watts(view.total):>9}', (estimate, shown))
+    yield _row(
+        'supply  ',
         f'{_watts(view.supply):>9}',
         f'  {_number(view.voltage, 2)} V  {_number(view.current, 2)} A',
         f'  electronics {_watts(view.electronics)}',
         (' = supply - drives', _FAINT),
-        no_wrap=True,
-        overflow='ellipsis',
     )
-    yield Text.assemble(
-        ('energy  ', 'bold'),
+    yield _row(
+        'energy  ',
         f'{_joules(view.drive_energy):>9} drives  {_joules(view.supply_energy)} supply',
         (f'  since {_duration(view.seconds)}', _FAINT),
         f'  {_hours(view)}' if _hours(view) else '',
-        no_wrap=True,
-        overflow='ellipsis',
     )
-    words = view.budget.words(width - len(_BUDGET)) or 'nothing is metered'
-    yield Text.assemble((_BUDGET, 'bold'), words, no_wrap=True, overflow='ellipsis')
+    yield _row(_BUDGET, view.budget.words(width - len(_BUDGET)) or 'nothing is metered')
+
+
+def _row(name: str, *parts: str | tuple[str, str]) -> Text:
+    return Text.assemble((name, 'bold'), *parts, no_wrap=True, overflow='ellipsis')
 
 
 def _hours(view: View) -> str:

@@ -11,7 +11,7 @@ from power_recordings.calibration import NONE, label
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.fault_log import FaultLog
@@ -29,9 +29,7 @@ _PERIOD = 1.0
 _PUBLISHING_ENDS = 10.0
 _DELIVERED = 3.0  # s that reliable subscriptions have for the last messages
 _QUEUED_SAMPLES = 4000
-_LOSSLESS = QoSProfile(
-    reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
-)
+_LOSSLESS = QoSProfile(depth=1000)  # reliable
 
 
 class DaqNode(Node):

@@ -10,7 +10,7 @@ from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import NOTE
-from power_recordings.messages.types import message_class
+from power_recordings.messages.topics import message_class
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
 from power_recordings.writing.metadata import CardFile
 from rclpy.clock import Clock, ClockType
@@ -83,10 +83,8 @@ class RecorderNode(Node):
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda _: self._best_effort.add(name), use_default_callbacks=False
         )
-        kind, qos = (
-            message_class(self._types[name]),
-            QoSProfile(depth=_DEPTH, reliability=reliability),
-        )
+        kind = message_class(self._types[name])
+        qos = QoSProfile(depth=_DEPTH, reliability=reliability)
         return PolledTopic[bytes](self, kind, name, qos, raw=True, events=events)
 
     def stop(self) -> int:

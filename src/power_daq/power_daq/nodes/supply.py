@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.fault_log import FaultLog
@@ -26,9 +26,7 @@ from power_daq.supply.poller import Poller, SupplyHealth
 _PERIOD = 1.0
 _QUERIES = 32
 _S = 1_000_000_000
-_LOSSLESS = QoSProfile(
-    reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
-)
+_LOSSLESS = QoSProfile(depth=1000)  # reliable
 
 
 class SupplyNode(Node):
@@ -49,21 +47,14 @@ class SupplyNode(Node):
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time: readings of a supply are in system time')
         self._energy, self._balance = EnergyCounter(1.0 / rate), PowerBalance()
-        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-        self._battery = BatteryPublisher(
-            self.create_publisher(BatteryState, 'supply', qos), frame_id, settings.resource
-        )
+        publisher = self.create_publisher(BatteryState, 'supply', _LOSSLESS)
+        self._battery = BatteryPublisher(publisher, frame_id, settings.resource)
         # A switching-on under way is waited for: cut off it would leave the panel locked.
         self._ending = _PERIOD + _QUERIES * settings.timeout
         prepare = None if request is None else partial(self._switch_on, request)
-        self._poller = Poller(
-            partial(Instrument, settings),
-            self._take,
-            rate,
-            FaultLog(self.get_logger()),
-            None,
-            prepare,
-        )
+        log = FaultLog(self.get_logger())
+        connect = partial(Instrument, settings)
+        self._poller = Poller(connect, self._take, rate, log, prepare=prepare)
         self._health = SupplyHealth(self._poller, rate, settings.resource)
         self._reporter = Reporter(self, 'instrument', settings.resource)
         self.create_subscription(DriveSupply, 'drive_supply', self._take_drives, _LOSSLESS)

@@ -1,21 +1,23 @@
 """The topics node: republishes a robot's own topics as the suite's, by an import map."""
 
+import argparse
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from power_recordings.card import Card
-from power_recordings.importing.map_file import ImportMap
+from power_recordings.importing.map_file import ImportMap, load_map
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosidl_runtime_py.utilities import get_message
 from sensor_msgs.msg import BatteryState, JointState
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Reporter
+from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.publishing import JointStatePublisher, SupplyPublisher
@@ -28,13 +30,9 @@ from power_daq.topics.republisher import Republisher
 
 _DISCOVERY = 0.5  # s
 _SETTLED = 4  # looks at the graph without a new topic, until the drives are taken to be all
-_RELIABLE = QoSProfile(
-    reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
-)
+_RELIABLE = QoSProfile(depth=1000)
 # Best effort matches publishers of either kind.
-_ANY = QoSProfile(
-    reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1000
-)
+_ANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class TopicsNode(Node):
@@ -139,3 +137,9 @@ def _publish_drives(publisher: SupplyPublisher, sample: Sample) -> None:
     if (temperature.values == temperature.values).any():
         publisher.take_temperature(temperature)
     publisher.take(sample._replace(values=sample.values[:3]))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the node until Ctrl-C; 2 for a map that does not fit the topics."""
+    make = partial(TopicsNode, load_map(options.map), f'map {options.map}', options.commands)
+    return run_node(make, options.ros_args)

@@ -1,17 +1,20 @@
 """The live view of a running measurement in the terminal."""
 
+import argparse
 import time
 from collections.abc import Callable
 from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticArray
-from power_recordings.messages.types import TYPES, message_class
+from power_recordings.messages.topics import TYPES, message_class
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from wattwalk_core.nodes.polled_topic import PolledTopic
+from wattwalk_core.nodes.running import run_node
 
+from power_daq.monitor.screen import Terminal
 from power_daq.monitor.state import TOPICS, MonitorState, View
 
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -59,3 +62,21 @@ class WatchNode(Node):
         self._show(view)
         if self._duration and view.seconds >= self._duration and not self.done.done():
             self.done.set_result(None)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Watch until Ctrl-C or the end of the duration; 2 for bad input."""
+    terminal = Terminal()
+
+    def make() -> WatchNode:
+        node = WatchNode(terminal.show, terminal.period, options.duration, options.battery)
+        terminal.start()
+        return node
+
+    try:
+        run_node(make, options.ros_args)
+    finally:
+        terminal.stop()
+    if options.save is not None:
+        terminal.save(options.save)
+        print(options.save)

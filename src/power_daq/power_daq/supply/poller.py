@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
 from wattwalk_core.nodes.fault_log import LogTarget
-from wattwalk_core.worker import Worker
+from wattwalk_core.worker import DeviceWorker
 
-from power_daq.clock.mapping import Pauses, RosTime, Slots
+from power_daq.clock.mapping import RosTime, Slots
 from power_daq.supply.answers import (
     AnswerError,
     InstrumentIdentity,
@@ -57,7 +57,7 @@ class PollState:
     counts: PollCounts = field(default_factory=PollCounts)
 
 
-class Poller(Worker):
+class Poller(DeviceWorker):
     """Polls `rate` times a second and gives each answer to the sink once.
 
     Readings belong to slots of 1/rate s. A slot without an answer is lost; it is neither repeated
@@ -74,29 +74,32 @@ class Poller(Worker):
         log: LogTarget = _log,
         retry: Retry | None = None,
         prepare: Callable[[Instrument], None] | None = None,
-        ros_time: RosTime | None = None,
     ) -> None:
         self.state = PollState()
         self._connect, self._sink, self._log = connect, sink, log
-        self._retry = retry or Retry()
+        retry = retry or Retry()
         self._prepare = prepare
         self._slots = Slots(1.0 / rate)
-        self.ros_time = ros_time or RosTime()
+        self.ros_time = RosTime()
         self._next_check = 0.0
-        super().__init__('supply')
+        super().__init__('supply', retry.first, retry.last)
 
     @property
     def lost(self) -> int:
         """Slots without a reading since the first reading."""
         return self._slots.lost(self.state.counts.readings)
 
-    def _work(self) -> None:
-        while not self._stop.is_set():
-            self._serve_once()
+    @property
+    def _given(self) -> int:
+        return self.state.counts.connections
 
     def _serve_once(self) -> None:
-        instrument = self._wait_for_instrument()
-        if instrument is None:
+        try:
+            instrument = self._connect()
+        except (LostError, AnswerError) as error:
+            if str(error) != self.state.absence:
+                self._log.warning(f'supply absent, will try again: {error}')
+            self.state.absence = str(error)
             return
         try:
             prepare, self._prepare = self._prepare, None
@@ -119,19 +122,6 @@ class Poller(Worker):
             state.counts.connections_lost += 1
             state.absence = str(error)
             self._log.warning(f'supply lost, will try again: {error}')
-            self._stop.wait(self._retry.first)
-
-    def _wait_for_instrument(self) -> Instrument | None:
-        pauses = Pauses(self._retry.first, self._retry.last)
-        while not self._stop.is_set():
-            try:
-                return self._connect()
-            except (LostError, AnswerError) as error:
-                if str(error) != self.state.absence:
-                    self._log.warning(f'supply absent, will try again: {error}')
-                self.state.absence = str(error)
-            pauses.wait(self._stop)
-        return None
 
     def _read(self, instrument: Instrument) -> None:
         self._next_check = time.monotonic() + _CHECK
@@ -230,13 +220,8 @@ class SupplyHealth:
         state = self._poller.state
         if state.absence:
             return Level.ERROR, f'supply absent: {state.absence}'
-        faults = [
-            f'{count:.0f} {name}'
-            for name, count in news.items()
-            if count > 0 and name not in ('readings', 'connections')
-        ]
-        if faults:
-            sentence = 'in the last second: ' + ', '.join(faults)
+        if found := faults(news, lambda name: name not in ('readings', 'connections')):
+            sentence = f'in the last second: {found}'
             if news['instrument errors'] and state.last_errors:
                 sentence += f' ({state.last_errors[-1]})'
             return Level.WARN, sentence

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
 
 from power_daq.topics.republisher import Republisher
 
@@ -66,11 +66,8 @@ class TopicsHealth:
                 f'stamps lag behind those of other topics: {_some(late)}; '
                 'time: {stamp: log} in the map takes the times of receipt'
             )
-        faults = [
-            f'{n:.0f} {name}' for name, n in news.items() if n > 0 and name.endswith(_FAULTS)
-        ]
-        if faults:
-            return Level.WARN, 'in the last second: ' + ', '.join(faults)
+        if found := faults(news, lambda name: name.endswith(_FAULTS)):
+            return Level.WARN, f'in the last second: {found}'
         if new := [topic for topic in present if source.is_left_out(topic)]:
             return Level.WARN, f'came too late and is left out: {_some(new)}; start again'
         return Level.OK, 'republishing'

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from power_recordings.messages.cdr import POWER_ESTIMATE, encode
+from power_recordings.messages.cdr import POWER_ESTIMATE, encode_block, in_a_list
 from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
 from wattwalk_core.arrays import Floats
@@ -71,15 +71,17 @@ def _held(samples: DriveSamples, drives: Sequence[str], stamps: NDArray[np.int64
 
 def messages(estimates: list[Estimate], drives: tuple[str, ...], model: str) -> list[bytes]:
     """Encode PowerEstimate messages as CDR bytes."""
-    return encode(
-        POWER_ESTIMATE,
-        np.array([e.stamp for e in estimates], np.int64),
-        {
-            'power': np.array([e.power for e in estimates], np.float32),
-            'total': np.array([e.total for e in estimates], np.float32),
-            'status': np.array([e.status for e in estimates], np.uint8),
-        },
-        model=model,
-        name=list(drives),
-        power=np.zeros(len(drives)),
+    return in_a_list(
+        encode_block(
+            POWER_ESTIMATE,
+            np.array([e.stamp for e in estimates], np.int64),
+            {
+                'power': np.array([e.power for e in estimates], np.float32),
+                'total': np.array([e.total for e in estimates], np.float32),
+                'status': np.array([e.status for e in estimates], np.uint8),
+            },
+            model=model,
+            name=list(drives),
+            power=np.zeros(len(drives)),
+        )
     )

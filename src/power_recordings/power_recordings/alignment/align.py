@@ -1,7 +1,7 @@
 """Alignment of recordings on one time grid, for all that uses measured signals."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
-from power_recordings.alignment import signals
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.alignment.filters import antialias, centred, smoothing
-from power_recordings.alignment.signals import RecordedSignals
+from power_recordings.alignment.signals import RecordedSignals, SignalCollector
 from power_recordings.alignment.stream import Stream
 from power_recordings.reading.reader import Recording
 
@@ -36,20 +35,10 @@ def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
         )
     left_out = len(time) - len(rows)
     notes = (f'{source.path}: {left_out} operating points with NaN left out',) if left_out else ()
-    kept: dict[str, Any] = {name: values[rows] for name, values in found.items()}
-    return AlignedDataset(
-        rate=rate,
-        names=source.names,
-        time=source.start_ns / 1e9 + np.arange(len(rows)) / rate,
-        segment=np.arange(len(rows), dtype=np.int32),
-        supply=kept.pop('supply')[:, 0],
-        recordings=(str(source.path),),
-        recording=np.zeros(len(rows), np.int32),
-        notes=(*(f'{source.path}: {note}' for note in source.notes), *notes),
-        steady=True,
-        **source.facts,
-        **{name: kept[name] for name in (*DRIVE_SIGNALS, 'motor_current') if name in kept},
-    )
+    kept = {name: values[rows] for name, values in found.items()}
+    notes = (*(f'{source.path}: {note}' for note in source.notes), *notes)
+    whole = _dataset(source, rate, [_Piece(np.arange(len(rows)) / rate, kept)], notes)
+    return replace(whole, segment=np.arange(len(rows), dtype=np.int32), steady=True)
 
 
 GRID = 400.0  # Hz
@@ -90,7 +79,7 @@ def align(
     """
     if rate not in RATES:
         raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
-    source = signals.RecordedSignals.of(recording.whole(), drives, need_power)
+    source = SignalCollector(recording.whole(), drives).source(need_power)
     if recording.card.steady:
         return operating_points(source, rate)
     segments = _Segments(source, rate, smooth)
@@ -102,7 +91,7 @@ def align(
             + ''.join(f'; {note}' for note in source.notes)
         )
     notes = tuple(f'{recording.path}: {note}' for note in segments.notes(pieces))
-    return _dataset(source, rate, pieces, str(recording.path), notes)
+    return _dataset(source, rate, pieces, notes)
 
 
 def load_aligned(
@@ -171,44 +160,34 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
         owners.append(part.recording + np.int32(next_recording))
         next_segment += int(part.segment.max(initial=-1)) + 1
         next_recording += len(part.recordings)
-    widths = {name: array.shape[1:] for part in parts for name, array in part.extras.items()}
-    extras = {
-        name: np.concatenate(
-            [
-                part.extras.get(name, np.full((len(part.time), *width), np.nan, np.float32))
-                for part in parts
-            ]
-        )
-        for name, width in widths.items()
-    }
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in ('time', *_PARTS)
     }
-    return AlignedDataset(
-        rate=parts[0].rate,
-        names=parts[0].names,
+    others = dict.fromkeys(name for part in parts for name in part.extras)
+    return replace(
+        parts[0],
         segment=np.concatenate(segments),
         recording=np.concatenate(owners),
         recordings=tuple(name for part in parts for name in part.recordings),
-        extras=extras,
+        extras={
+            name: _joined(parts, [part.extras.get(name) for part in parts]) for name in others
+        },
         notes=tuple(note for part in parts for note in part.notes),
-        motor_torque=parts[0].motor_torque,
-        current_as_torque=parts[0].current_as_torque,
-        motor_current=_joined_motor_current(parts),
+        motor_current=_joined(parts, [part.motor_current for part in parts]),
         computed_power=frozenset().union(*(part.computed_power for part in parts)),
-        steady=parts[0].steady,
         **arrays,
     )
 
 
-def _joined_motor_current(parts: Sequence[AlignedDataset]) -> Singles | None:
-    if all(part.motor_current is None for part in parts):
+def _joined(parts: Sequence[AlignedDataset], arrays: Sequence[Singles | None]) -> Any:
+    """Concatenate arrays [T, …], one a part: NaN for parts without one, None if all are."""
+    known = next((array for array in arrays if array is not None), None)
+    if known is None:
         return None
-    unknown = (np.full(p.power.shape, np.nan, np.float32) for p in parts)
     return np.concatenate(
         [
-            n if p.motor_current is None else p.motor_current
-            for p, n in zip(parts, unknown, strict=True)
+            np.full((len(part.time), *known.shape[1:]), np.nan, np.float32) if own is None else own
+            for part, own in zip(parts, arrays, strict=True)
         ]
     )
 
@@ -227,7 +206,7 @@ class _Piece:
 class _Segments:
     """The segments of the signals of a recording on the grid."""
 
-    def __init__(self, source: signals.RecordedSignals, rate: float, smooth: bool) -> None:
+    def __init__(self, source: RecordedSignals, rate: float, smooth: bool) -> None:
         self._source = source
         self._every = round(GRID / rate)
         self._taps = smoothing(GRID) if smooth else antialias(GRID, rate)
@@ -249,7 +228,7 @@ class _Segments:
             found = joints
         else:
             found = _common(joints, source.electrics.spans(GRID))
-        begin = source.first_command
+        begin = -np.inf if source.commands is None else float(source.commands[0][0])
         return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
 
     def pieces(self, start: float, end: float) -> list[_Piece]:
@@ -314,11 +293,7 @@ def _common(a: Floats, b: Floats) -> Floats:
 
 
 def _dataset(
-    source: signals.RecordedSignals,
-    rate: float,
-    pieces: Sequence[_Piece],
-    name: str,
-    notes: tuple[str, ...],
+    source: RecordedSignals, rate: float, pieces: Sequence[_Piece], notes: tuple[str, ...]
 ) -> AlignedDataset:
     sizes = [len(piece.time) for piece in pieces]
     arrays: dict[str, Any] = {
@@ -331,7 +306,7 @@ def _dataset(
         names=source.names,
         time=time,
         segment=np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
-        recordings=(name,),
+        recordings=(str(source.path),),
         recording=np.zeros(len(time), np.int32),
         motor_current=arrays.pop('motor_current', None),
         extras={key: array for key, array in arrays.items() if key not in _PARTS},

@@ -55,14 +55,15 @@ def gain(taps: Floats, frequency: float, rate: float) -> float:
 
 
 @cache
-def smoothing(rate: float, cutoff: float = SMOOTHING) -> Floats:
-    """Return the quadratic Savitzky-Golay filter whose −3 dB point is nearest to `cutoff` Hz.
+def smoothing(rate: float) -> Floats:
+    """Return the quadratic Savitzky-Golay filter whose −3 dB point is nearest to SMOOTHING.
 
     The window is a whole number of samples; at 400 Hz, 12.18 Hz is nearest to 12.5 Hz.
     """
     from scipy.signal import savgol_coeffs  # slow to import, and nodes import this file
 
-    best = min(range(5, int(2 * rate / cutoff), 2), key=lambda n: abs(_cutoff(n, rate) - cutoff))
+    windows = range(5, int(2 * rate / SMOOTHING), 2)
+    best = min(windows, key=lambda n: abs(_cutoff(n, rate) - SMOOTHING))
     return np.asarray(savgol_coeffs(best, _POLYORDER), np.float64)
 
 

@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.alignment.positions import is_rate, stands_still, unwrapped
 from power_recordings.alignment.stream import Stream, held
-from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
+from power_recordings.messages.samples import DriveSamples, Samples
 from power_recordings.reading.ordering import longest_step
 from power_recordings.reading.reader import Recording
 
@@ -45,20 +45,6 @@ class RecordedSignals:
     notes: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)  # sets of drives, of the card
 
-    @classmethod
-    def of(
-        cls, recording: Recording, drives: Sequence[str] | None, need_power: bool
-    ) -> 'RecordedSignals':
-        """Collect and check the signals; errors as in `align`."""
-        return _Collector(recording, drives).source(need_power)
-
-    @property
-    def first_command(self) -> float:
-        """Time [s] of the first command; -inf without commands."""
-        if self.commands is None or not len(self.commands[0]):
-            return -np.inf
-        return float(self.commands[0][0])
-
     def sample(
         self, grid: Floats, values: Callable[[Stream, Floats], Singles] = Stream.sample
     ) -> dict[str, Singles]:
@@ -86,18 +72,20 @@ class RecordedSignals:
         return {} if self.cmd_vel is None else {'cmd_vel': held(*self.cmd_vel, grid)}
 
 
-class _Collector:
+class SignalCollector:
+    """Collects and checks the signals of a recording; errors as in `align`."""
+
     def __init__(self, recording: Recording, drives: Sequence[str] | None) -> None:
         self._recording = recording
         self._path = recording.path
         self._notes = list(recording.problems)
-        self._states = self._usable('joint_states', recording.joint_states())
-        assert isinstance(self._states, JointSamples)
-        self._joints = self._states
+        self._joints = recording.joint_states()
+        self._check_count('joint_states', self._joints)
         self._names = self._chosen(drives)
         self._start = int(self._joints.stamp_ns[0])
 
     def source(self, need_power: bool) -> RecordedSignals:
+        """Return the signals."""
         measured: tuple[str, ...] = ()
         electrics = None
         if need_power or self._recording.has('drive_supply'):
@@ -126,13 +114,12 @@ class _Collector:
             },
         )
 
-    def _usable(self, topic: str, samples: Samples) -> Samples:
+    def _check_count(self, topic: str, samples: Samples) -> None:
         if len(samples) < 4:
             because = ''.join(f'; {p}' for p in self._recording.problems if topic in p)
             raise InputError(
                 f'{self._path}: {topic} has only {len(samples)} samples of use{because}'
             )
-        return samples
 
     def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
         there = self._joints.names
@@ -202,7 +189,7 @@ class _Collector:
         return stream
 
     def _electrics(self, supply: DriveSamples) -> tuple[Stream | None, tuple[str, ...]]:
-        self._usable('drive_supply', supply)
+        self._check_count('drive_supply', supply)
         wanted = [name for name in self._names if name in supply.names]
         columns = [supply.names.index(name) for name in wanted]
         voltage, current = supply.voltage[:, columns], supply.current[:, columns]
@@ -280,10 +267,7 @@ class _Collector:
         if not self._recording.has('joint_commands'):
             return None
         commands = self._recording.joint_commands()
-        values = np.full((len(commands), len(self._names)), np.nan, np.float32)
-        for i, name in enumerate(self._names):
-            if name in commands.names:
-                values[:, i] = commands.position[:, commands.names.index(name)]
+        values = self._by_drive(commands.names, commands.position)
         some = np.isfinite(values).any(axis=1)
         return (self._seconds(commands)[some], values[some]) if some.any() else None
 
@@ -319,11 +303,15 @@ class _Collector:
 
     def _motor_current(self) -> Singles:
         samples = self._recording.motor_current()
-        values = np.full((len(samples), len(self._names)), np.nan, np.float32)
+        return self._by_drive(samples.names, samples.current)
+
+    def _by_drive(self, names: Sequence[str], values: Singles) -> Singles:
+        """Return values [N, len(names)] in the order of the drives; NaN for those not named."""
+        result = np.full((len(values), len(self._names)), np.nan, np.float32)
         for i, name in enumerate(self._names):
-            if name in samples.names:
-                values[:, i] = samples.current[:, samples.names.index(name)]
-        return values
+            if name in names:
+                result[:, i] = values[:, names.index(name)]
+        return result
 
     def _foot_force(self) -> Singles:
         samples = self._recording.foot_force()

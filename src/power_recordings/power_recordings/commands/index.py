@@ -8,7 +8,7 @@ from rich.table import Table
 from wattwalk_core.errors import InputError, printable
 
 from power_recordings.index.store import ENVIRONMENT, RecordingIndex, usual_path
-from power_recordings.index.tables import FILES, Question, add_cards, export, listed
+from power_recordings.index.tables import FILES, add_cards, export, listed
 
 _MOST = 40  # rows of the table
 
@@ -28,8 +28,8 @@ def run(options: argparse.Namespace) -> int:
             print(f'added: {count}')
             for reason in left_out:
                 print(f'left out: {printable(reason)}')
-        question = Question(options.robot, options.unit, options.since, options.until)
-        _print(listed(index, question), None if options.all else _MOST)
+        rows = listed(index, options.robot, options.unit, options.since, options.until)
+        _print(rows, None if options.all else _MOST)
         if options.export is not None:
             export(index, options.export)
             print(f'{printable(str(options.export))}: {", ".join(FILES)}')

@@ -1,7 +1,6 @@
 """`ros2 run power_recordings info`: content and quality of a recording."""
 
 import argparse
-from collections.abc import Iterable
 
 from rich import box
 from rich.console import Console
@@ -10,7 +9,6 @@ from rich.table import Table
 from wattwalk_core.console import finite, write_json
 from wattwalk_core.errors import printable
 
-from power_recordings.card import Card
 from power_recordings.index.kept_quality import Checked, checked
 from power_recordings.index.store import RecordingIndex, usual_path
 
@@ -51,8 +49,13 @@ def print_quality(checked: Checked) -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'of var P', 'ω/(dq/dt)'):
         table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')
-    torque = f'torque {" or ".join(dict.fromkeys(_torque_units(card, quality.drives)))}'
-    for head in (torque, 'speed rad/s', 'power W', 'τ–ω seen'):
+    units = dict.fromkeys(card.torque_unit.get(name, 'N*m') for name in quality.drives)
+    for head in (
+        f'torque {" or ".join(units)}'.replace('*', '·'),
+        'speed rad/s',
+        'power W',
+        'τ–ω seen',
+    ):
         table.add_column(head, justify='right')
     for name, drive in quality.drives.items():
         ranges = (drive.torque_range, drive.velocity_range, drive.power_range)
@@ -82,13 +85,7 @@ def print_quality(checked: Checked) -> None:
     for problem in checked.problems:
         console.print(f'  note: {_plain(problem)}')
     for finding in quality.findings:
-        mend = f'; in the map: {finding.mend}' if finding.mend else ''
-        who = f'{finding.drive}: ' if finding.drive else ''
-        console.print(f'  {finding.severity}: {_plain(who + finding.text + mend)}')
-
-
-def _torque_units(card: Card, drives: 'Iterable[str]') -> list[str]:
-    return [card.torque_unit.get(name, 'N*m').replace('N*m', 'N·m') for name in drives]
+        console.print(f'  {finding.severity}: {_plain(str(finding))}')
 
 
 def _plain(text: str) -> str:

@@ -161,21 +161,21 @@ def _candidate(item: Listed) -> CandidateColumn | None:
         and bracket[1]
         and not bracket[1].isdigit()
     )
-    rank, quantity = next(
-        ((i, q) for i, (q, rule) in enumerate(_RULES) if _suits(q, rule, name, fits, foreign)),
-        (_BY_UNIT, next((q for q in _OF_UNIT if q in fits), '')),
+    by_name = (
+        (i, q)
+        for i, (q, rule) in enumerate(_RULES)
+        if re.search(rule, name) and (not q or not fits or _plain(q) in fits) and not foreign
     )
+    by_unit = (_BY_UNIT, next((q for q in _OF_UNIT if q in fits), ''))
+    rank, quantity = next(by_name, by_unit)
     if not quantity or (still and quantity not in _STILL):
         return None
     return CandidateColumn(quantity, rank, '', item)
 
 
-def _suits(quantity: str, rule: str, name: str, fits: Sequence[str], foreign: bool) -> bool:
-    """Tell whether a rule fits a name, and its quantity the unit."""
-    if not re.search(rule, name):
-        return False
-    plain = _PLAIN.get(quantity, quantity.removeprefix('supply_'))
-    return not foreign and not (fits and quantity and plain not in fits)
+def _plain(quantity: str) -> str:
+    """The quantity that a unit says."""
+    return _PLAIN.get(quantity, quantity.removeprefix('supply_'))
 
 
 def _held(candidate: CandidateColumn, others: Sequence[CandidateColumn]) -> CandidateColumn:

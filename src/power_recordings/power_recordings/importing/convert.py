@@ -14,12 +14,13 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.card import Card
 from power_recordings.importing.channel_group import ChannelGroup
-from power_recordings.importing.map_file import JOINT, ImportMap, TimeMap
+from power_recordings.importing.map_file import ImportMap, TimeMap
 from power_recordings.importing.origin import origin_of_power
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.messages import cdr
+from power_recordings.messages.topics import KINDS
 from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
 
 Messages = NDArray[np.uint8]
@@ -83,8 +84,7 @@ class _Writer:
             times, blocks = stamps, [self._joints(topic, stamps, values)]
         handle = self._topics.get(topic)
         if handle is None:
-            kind = {'drive_supply': cdr.DRIVE_SUPPLY, 'supply': cdr.BATTERY_STATE}
-            handle = self._bag.add_topic(topic, kind.get(topic, cdr.JOINT_STATE))
+            handle = self._bag.add_topic(topic, KINDS[topic].type_name)
             self._topics[topic] = handle
         edges = np.cumsum([0, *(len(block) for block in blocks)])
         return [
@@ -296,17 +296,13 @@ class _Log:
 def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
     """Return the channels of each topic."""
     parts: dict[str, list[tuple[str, LogChannel]]] = {name: [] for name in TOPICS}
+    of_joints = {q: topic for topic, fields in _JOINT_FIELDS.items() for q in fields if q}
+    measured = _having(plan, 'current', 'power')
     for drive, channels in plan.drives.items():
-        measured = bool({'current', 'power'} & set(channels))
         for quantity, channel in channels.items():
-            if quantity in JOINT:
-                parts['joint_states'].append((drive, channel))
-            elif quantity == 'command':
-                parts['joint_commands'].append((drive, channel))
-            elif quantity == 'motor_current':
-                parts['motor_current'].append((drive, channel))
-            elif measured:
-                parts['drive_supply'].append((drive, channel))
+            topic = of_joints.get(quantity, 'drive_supply')
+            if topic != 'drive_supply' or drive in measured:
+                parts[topic].append((drive, channel))
     parts['supply'] = [('', channel) for channel in plan.supply.values()]
     return {
         name: ChannelGroup(channels, derived=plan.derived if name == 'joint_states' else ())

@@ -129,10 +129,10 @@ class _Drive:
         self._current_of_motor(taken)
         for quantity in ('current', 'voltage', 'temperature'):
             others = self._shared.get(quantity, [])
-            wanted = quantity == 'temperature' or (
-                'power' not in taken if quantity == 'current' else True
-            )
-            if others and wanted and _better(others[0], taken.get(quantity), quantity):
+            if not others or (quantity == 'current' and 'power' in taken):
+                continue
+            own_rank = taken[quantity].rank if quantity in taken else np.inf
+            if own_rank == np.inf or (quantity == 'temperature' and others[0].rank < own_rank):
                 taken[quantity] = others[0]
         if 'current' in taken:
             taken.pop('power', None)
@@ -153,16 +153,11 @@ class _Drive:
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""
         current, torque, velocity = (taken.get(q) for q in ('current', 'torque', 'velocity'))
-        if current is None or torque is None or velocity is None:
-            return
-        if 'motor_current' in taken or not current.is_vague:
+        if current is None or torque is None or velocity is None or not current.is_vague:
             return
         speed = np.abs(velocity.values[np.isfinite(velocity.values)])
-        if (
-            len(speed)
-            and speed.std() > _CHANGES * speed.mean()
-            and made_of_current(torque, [current])
-        ):
+        changes = len(speed) and speed.std() > _CHANGES * speed.mean()
+        if 'motor_current' not in taken and changes and made_of_current(torque, [current]):
             taken['motor_current'] = replace(taken.pop('current'), quantity='winding')
 
     def _other_side(self) -> list[str]:
@@ -204,10 +199,10 @@ class _Drive:
             notes.append('unit by its range')
         elif not unit:
             notes.append('unit not stated: check')
-        parts = [
-            f'from: {yaml_text(taken.address)}',
-            f'unit: {_unit_text(unit or _GUESSED_UNIT[quantity])}',
-        ]
+        stated = unit or _GUESSED_UNIT[quantity]
+        # To YAML % and 1 are no texts.
+        stated = f"'{stated}'" if stated in ('%', '1', '-') else stated
+        parts = [f'from: {yaml_text(taken.address)}', f'unit: {stated}']
         if quantity == 'torque':
             at, why = self._at(taken)
             parts[1:] = [f'unit: {unit or "A"}'] if taken.quantity == 'winding' else parts[1:]
@@ -225,8 +220,9 @@ class _Drive:
                 notes.append('a controller computes it from the currents of its motor')
         if taken in [c for own in self._shared.values() for c in own]:
             notes.append('shared by all drives?')
-        others = [c for c in self._rivals(quantity, taken) if c != taken][:_OTHERS]
-        if others:
+        rivals = [*self._own.get(taken.quantity, []), *self._shared.get(taken.quantity, [])]
+        rivals += self._own.get('power', []) if quantity == 'current' else []
+        if others := [c for c in rivals if c != taken][:_OTHERS]:
             notes.append('or ' + printable(', '.join(c.address + c.doubt for c in others)))
         return f'    {quantity}: {{{", ".join(parts)}}}   # {"; ".join(notes)}'
 
@@ -236,12 +232,6 @@ class _Drive:
         if choice is None or choice.turned != what:
             return False
         return taken == choice.torque if what == 'torque' else taken in choice.meter.parts
-
-    def _rivals(self, quantity: str, taken: CandidateColumn) -> list[CandidateColumn]:
-        own = [*self._own.get(taken.quantity, []), *self._shared.get(taken.quantity, [])]
-        if quantity == 'current':
-            own += self._own.get('power', [])
-        return own
 
     def _speed_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         name = words(taken.address)
@@ -285,15 +275,6 @@ def _velocity_apart_from_voltage(
         'voltage': [c for c in volts if c != v],
         'velocity': [replace(v, quantity='velocity')],
     }
-
-
-def _unit_text(unit: str) -> str:
-    """Return a unit as YAML has it: % and 1 would be no texts."""
-    return f"'{unit}'" if unit in ('%', '1', '-') else unit
-
-
-def _better(other: CandidateColumn, own: CandidateColumn | None, quantity: str) -> bool:
-    return own is None or (quantity == 'temperature' and other.rank < own.rank)
 
 
 def _follows(taken: Mapping[str, CandidateColumn]) -> bool:

@@ -62,8 +62,16 @@ class Signal:
         return replace(self, source=self.source.replace('*', text), sum=terms)
 
 
+class SignalsByQuantity:
+    """A part of a map whose fields are signals."""
+
+    def signals(self) -> dict[str, Signal]:
+        """Return the signals that the map has, by quantity."""
+        return {name: s for name in QUANTITIES if (s := getattr(self, name, None)) is not None}
+
+
 @schema
-class DriveMap:
+class DriveMap(SignalsByQuantity):
     """The signals of one drive; those that were not recorded are left out.
 
     gear_ratio: turns of the motor to one of the joint, which everything but signals `at: motor`
@@ -84,23 +92,14 @@ class DriveMap:
     temperature: Signal | None = None
     gear_ratio: Annotated[float, Quantity(1e-3, 1e5)] | None = None
 
-    def signals(self) -> dict[str, Signal]:
-        """Return the signals that the map has, by quantity."""
-        return {name: s for name in QUANTITIES if (s := getattr(self, name)) is not None}
-
 
 @schema
-class SupplyMap:
+class SupplyMap(SignalsByQuantity):
     """The supply of the whole robot."""
 
     voltage: Signal | None = None
     current: Signal | None = None
     power: Signal | None = None
-
-    def signals(self) -> dict[str, Signal]:
-        """Return the signals that the map has, by quantity."""
-        names = ('voltage', 'current', 'power')
-        return {name: s for name in names if (s := getattr(self, name)) is not None}
 
 
 @schema

@@ -1,6 +1,7 @@
 """Dates and times of day as people and instruments write them, in ns."""
 
 import re
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta, timezone
 from typing import Any, Final
 
@@ -64,10 +65,9 @@ def _is_month_first(text: str) -> bool:
 
 
 def _moment(text: str, month_first: bool, where: str) -> int:
-    try:
-        return _of_iso(text)
-    except ValueError:
-        pass
+    with suppress(ValueError):
+        moment = datetime.fromisoformat(text)
+        return _ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
     found = _BOTH.fullmatch(text) or _ALONE.fullmatch(text) or _DATE_ALONE.fullmatch(text)
     try:
         if found is None:
@@ -78,11 +78,6 @@ def _moment(text: str, month_first: bool, where: str) -> int:
             f'{where}: {quoted(text)} is no time; expected numbers, dates such as '
             '2026-11-22T10:00:00.000, or times of day'
         ) from None
-
-
-def _of_iso(text: str) -> int:
-    moment = datetime.fromisoformat(text)
-    return _ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
 
 
 def _ns(moment: datetime) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.plan import ImportPlan, LogChannel
-from power_recordings.importing.sources.source import LogSource
+from power_recordings.importing.sources.source import LogSource, first_values
 from power_recordings.importing.times import LogClock
 from power_recordings.importing.words import axis_of, is_motor_current, kind_of
 
@@ -145,7 +145,11 @@ def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str]
     }
     if source.is_bag or not metered:
         return {}, []
-    columns = _first_rows(source, plan)
+    mapped = plan.addresses()
+    telling = [c.address for c in source.columns() if kind_of(c.address, c.unit)]
+    wanted = [c for c in source.columns() if c.address in {*mapped, *telling[:_COLUMNS]}]
+    wanted.sort(key=lambda column: column.address not in mapped)
+    columns = first_values(source, wanted, _ROWS)
     formulas, notes = {}, []
     for drive, channels in metered.items():
         power, made_of = _power(channels, columns)
@@ -160,25 +164,6 @@ def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str]
             energy = check_energy(seconds, power, others)
             notes += [energy.text] if energy is not None else []
     return formulas, notes
-
-
-def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, Floats]:
-    mapped = {
-        a for channels in plan.drives.values() for c in channels.values() for a in c.addresses
-    }
-    mapped |= {column.address for column, _ in plan.time}
-    telling = [c.address for c in source.columns() if kind_of(c.address, c.unit)]
-    wanted = [*mapped, *(a for a in telling[:_COLUMNS] if a not in mapped)]
-    parts: dict[str, list[Floats]] = {}
-    rows = 0
-    for block in source.read(wanted, lambda done: None):
-        for address, values in block.values.items():
-            if values.dtype.kind != 'O':
-                parts.setdefault(address, []).append(values)
-        rows += len(block)
-        if rows >= _ROWS:
-            break
-    return {address: np.concatenate(arrays)[:_ROWS] for address, arrays in parts.items()}
 
 
 def _power(

@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Any
 
@@ -76,37 +76,29 @@ class LogChannel:
 class ShaftPower(LogChannel):
     """Power that a drive draws for torque × speed at an efficiency, or with a loss in W.
 
-    A drive that brakes returns torque × speed × efficiency.
+    A drive that brakes returns torque × speed × efficiency. parts: torque, speed, and efficiency
+    or loss.
     """
 
-    torque: LogChannel | None = None
-    velocity: LogChannel | None = None
-    share: LogChannel | None = None
-
-    @property
-    def _parts(self) -> tuple[LogChannel, LogChannel, LogChannel]:
-        assert self.torque is not None
-        assert self.velocity is not None
-        assert self.share is not None
-        return self.torque, self.velocity, self.share
+    parts: tuple[LogChannel, LogChannel, LogChannel] = field(kw_only=True)
 
     @property
     def addresses(self) -> tuple[str, ...]:
         """Addresses of the columns."""
-        return tuple(dict.fromkeys(a for part in self._parts for a in part.addresses))
+        return tuple(dict.fromkeys(a for part in self.parts for a in part.addresses))
 
     @property
     def formula(self) -> str:
         """The columns as the user knows them."""
-        torque, velocity, share = (part.formula for part in self._parts)
-        sign = '+' if self._parts[2].quantity == 'loss' else '/'
+        torque, velocity, share = (part.formula for part in self.parts)
+        sign = '+' if self.parts[2].quantity == 'loss' else '/'
         return f'{torque} × {velocity} {sign} {share}'
 
     def convert(self, values: Mapping[str, NDArray[Any]]) -> Floats:
         """Return W [N]; NaN at an efficiency of 0 and less, and above 1."""
-        torque, velocity, share = (part.convert(values) for part in self._parts)
+        torque, velocity, share = (part.convert(values) for part in self.parts)
         shaft = torque * velocity
-        if self._parts[2].quantity == 'loss':
+        if self.parts[2].quantity == 'loss':
             return np.asarray(shaft + share)
         share = np.where((share > 0.0) & (share <= 1.0), share, np.nan)
         return np.asarray(np.where(shaft < 0.0, shaft * share, shaft / share))
@@ -348,9 +340,8 @@ def _with_shaft_power(channels: dict[str, LogChannel], where: str) -> None:
         raise InputError(
             f'{where}: {given[0]}, torque and velocity are of one table or topic only'
         )
-    channels['power'] = ShaftPower(
-        'power', torque.terms, Conversion(), torque=torque, velocity=velocity, share=share
-    )
+    parts = (torque, velocity, share)
+    channels['power'] = ShaftPower('power', torque.terms, Conversion(), parts=parts)
 
 
 def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:

@@ -8,7 +8,7 @@ from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.map_file import ImportMap
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
-from power_recordings.importing.sources.source import LogSource, first_rows
+from power_recordings.importing.sources.source import LogSource, first_values
 from power_recordings.importing.times import LogClock
 from power_recordings.importing.units import SI
 
@@ -32,7 +32,9 @@ class PreviewedSignal:
 def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[PreviewedSignal]:
     """Convert the first rows; InputError, which begins with where, as an import raises it."""
     plan = make_plan(mapping, source.columns(), where, source.is_bag)
-    found = _first_rows(source, plan)
+    wanted = set(plan.addresses())
+    columns = [column for column in source.columns() if column.address in wanted]
+    found = first_values(source, columns, _ROWS)
     _check_times(source, plan, found)
     parts: dict[str, Mapping[str, LogChannel]] = {**plan.drives, '': plan.supply}
     return [
@@ -40,16 +42,6 @@ def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[Previ
         for drive, channels in parts.items()
         for quantity, channel in channels.items()
     ]
-
-
-def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, Floats]:
-    known = {column.address: column for column in source.columns()}
-    parts: dict[str, list[Floats]] = {}
-    for block in first_rows(source, [known[address] for address in plan.addresses()], _ROWS):
-        for address, values in block.values.items():
-            if values.dtype.kind != 'O':
-                parts.setdefault(address, []).append(values)
-    return {address: np.concatenate(arrays)[:_ROWS] for address, arrays in parts.items()}
 
 
 def _check_times(source: LogSource, plan: ImportPlan, found: Mapping[str, Floats]) -> None:

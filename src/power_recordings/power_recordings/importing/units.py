@@ -29,57 +29,34 @@ _SHARES: Final = {'%': 0.01, 'percent': 0.01, 'pct': 0.01, '1': 1.0, '-': 1.0}
 """Units of an efficiency."""
 
 # Names and spellings that people write; pint does not know rev.
-_ALIASES: Final = {
-    **{name: 'turn' for name in ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r')},
-    **{name: 'turn/s' for name in ('rps', 'rev/s', 'revs/s', 'turns/s', 'r/s', 'Hz')},
-    **{name: 'rad/s' for name in ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹')},
-    **{
-        name: 'rpm'
-        for name in (
-            'RPM',
-            'Rpm',
-            'r.p.m.',
-            'rev/min',
-            'r/min',
-            '1/min',
-            'U/min',
-            'min-1',
-            'min^-1',
-            'min⁻¹',
-        )
-    },
-    **{name: 'krpm' for name in ('kRPM', 'k rpm')},
-    **{
-        name: 'degC'
-        for name in (
-            '°C',
-            '℃',
-            'C',
-            'celsius',
-            'Celsius',
-            'deg_C',
-            'deg C',
-            'Deg C',
-            'degc',
-            'degree_celsius',
-        )
-    },
-    **{name: 'degF' for name in ('°F', 'F')},
-    **{name: 'deg' for name in ('°', 'degrees')},
-    **{name: 'deg/s' for name in ('°/s', 'dps', 'degrees/s')},
-    **{name: 's' for name in ('sec', 'secs', 'seconds', 'Seconds')},
-    **{name: 'V' for name in ('Volt', 'Volts', 'Vdc', 'VDC', 'V DC', 'Vrms', 'V rms')},
-    **{name: 'A' for name in ('Amp', 'Amps', 'Ampere', 'Adc', 'ADC', 'A DC', 'Arms', 'A rms')},
-    **{name: 'W' for name in ('Watt', 'Watts')},
-    'ma': 'mA',
-    'mv': 'mV',
-    'kw': 'kW',
-    'µs': 'us',
-    'μs': 'us',
-    'usec': 'us',
-    'msec': 'ms',
-    'nsec': 'ns',
+_SPELLINGS: Final = {
+    'turn': ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r'),
+    'turn/s': ('rps', 'rev/s', 'revs/s', 'turns/s', 'r/s', 'Hz'),
+    'rad/s': ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹'),
+    'rpm': (
+        *('RPM', 'Rpm', 'r.p.m.', 'rev/min', 'r/min', '1/min', 'U/min'),
+        *('min-1', 'min^-1', 'min⁻¹'),
+    ),
+    'krpm': ('kRPM', 'k rpm'),
+    'degC': (
+        *('°C', '℃', 'C', 'celsius', 'Celsius', 'degree_celsius'),
+        *('deg_C', 'deg C', 'Deg C', 'degc'),
+    ),
+    'degF': ('°F', 'F'),
+    'deg': ('°', 'degrees'),
+    'deg/s': ('°/s', 'dps', 'degrees/s'),
+    's': ('sec', 'secs', 'seconds', 'Seconds'),
+    'ms': ('msec',),
+    'us': ('µs', 'μs', 'usec'),
+    'ns': ('nsec',),
+    'V': ('Volt', 'Volts', 'Vdc', 'VDC', 'V DC', 'Vrms', 'V rms'),
+    'mV': ('mv',),
+    'A': ('Amp', 'Amps', 'Ampere', 'Adc', 'ADC', 'A DC', 'Arms', 'A rms'),
+    'mA': ('ma',),
+    'W': ('Watt', 'Watts'),
+    'kW': ('kw',),
 }
+_ALIASES: Final = {spelling: unit for unit, own in _SPELLINGS.items() for spelling in own}
 # A force and a lever in either order, with whatever stands between: kgf.cm, in-lb, N·mm, ozin.
 _FORCES: Final = {
     **{name: name for name in ('N', 'mN', 'cN', 'kN')},

@@ -13,6 +13,10 @@ _KINDS: Final[tuple[tuple[Kind, str], ...]] = (
     ('voltage', r'volt|(^|_)[vu][qd]?(_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i([qd]|bus)?(_|$)'),
 )
+_OF_UNIT: Final[dict[str, Kind]] = {
+    **dict.fromkeys(('A', 'mA'), 'current'),
+    **dict.fromkeys(('V', 'mV'), 'voltage'),
+}
 _OTHER_LANGUAGES: Final = {
     **dict.fromkeys(('drehmoment', '扭矩', '转矩', '力矩'), 'torque'),
     **dict.fromkeys(('drehzahl', '转速', '速度'), 'speed'),
@@ -47,10 +51,7 @@ def words(address: str) -> str:
 def kind_of(address: str, unit: str = '') -> Kind:
     """Return whether a column is a current, a voltage, a duty cycle or an energy counter."""
     name = words(address)
-    found = next((kind for kind, rule in _KINDS if re.search(rule, name)), '')
-    if found or re.search(r'amp_hours|(^|_)ah(_|$)', name):
-        return found  # type: ignore[return-value]
-    return {'A': 'current', 'mA': 'current', 'V': 'voltage', 'mV': 'voltage'}.get(unit, '')  # type: ignore[return-value]
+    return next((kind for kind, rule in _KINDS if re.search(rule, name)), _OF_UNIT.get(unit, ''))
 
 
 def is_motor_current(address: str) -> bool:

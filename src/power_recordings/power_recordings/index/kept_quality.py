@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wattwalk_core.files import code_fingerprint
+from wattwalk_core.schema import parse
 
 from power_recordings.card import Card
 from power_recordings.index.store import (
@@ -44,8 +45,8 @@ def checked(path: Path, index: RecordingIndex) -> Checked:
     kept = index.answer(stamp, KIND, key)
     if kept is not None:
         known = json.loads(kept)
-        card = Card.of(known['card'])
-        return Checked(path, card, tuple(known['problems']), Quality.of(known['quality']))
+        quality = parse(Quality, known['quality'], f'quality of {path} in the index')
+        return Checked(path, Card.of(known['card']), tuple(known['problems']), quality)
     recording = Recording.open(path)
     found = Checked.of(recording)
     content = {

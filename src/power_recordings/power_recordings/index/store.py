@@ -155,27 +155,19 @@ class RecordingIndex:
 
     def answer(self, stamp: Stamp, kind: str, key: str) -> bytes | None:
         """Return what was kept of the recording as it is now, None where there is nothing."""
-
-        def look(database: sqlite3.Connection) -> bytes | None:
-            row = database.execute(
-                'SELECT checksum, content FROM answers JOIN recordings ON recording = id '
-                'WHERE path = ? AND size = ? AND changed = ? AND kind = ? AND key = ?',
-                (stamp.path, stamp.size, stamp.changed, kind, key),
-            ).fetchone()
-            whole = row is not None and zlib.crc32(row[1]) == row[0]
-            return row[1] if whole else None
-
-        return self._asked(look, None)
+        found = self.rows(
+            'SELECT checksum, content FROM answers JOIN recordings ON recording = id '
+            'WHERE path = ? AND size = ? AND changed = ? AND kind = ? AND key = ?',
+            (stamp.path, stamp.size, stamp.changed, kind, key),
+        )
+        return next(
+            (content for checksum, content in found if zlib.crc32(content) == checksum), None
+        )
 
     def knows(self, stamp: Stamp) -> bool:
         """Return whether the card of the recording as it is now is in the index."""
-
-        def look(database: sqlite3.Connection) -> bool:
-            query = 'SELECT 1 FROM recordings WHERE path = ? AND size = ? AND changed = ?'
-            row = database.execute(query, (stamp.path, stamp.size, stamp.changed)).fetchone()
-            return row is not None
-
-        return self._asked(look, False)
+        query = 'SELECT 1 FROM recordings WHERE path = ? AND size = ? AND changed = ?'
+        return bool(self.rows(query, (stamp.path, stamp.size, stamp.changed)))
 
     def keep(self, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None = None) -> None:
         """Keep a card, and an answer in place of a former one of its kind and key."""
@@ -308,7 +300,7 @@ def _keep(
         if row is not None and row[1:] != (stamp.size, stamp.changed):
             database.execute('DELETE FROM recordings WHERE id = ?', (row[0],))
             row = None
-        number = _added(database, stamp, about) if row is None else int(row[0])
+        number = _added(database, stamp, about.card) if row is None else int(row[0])
         if about.start is not None:
             database.execute(
                 'UPDATE recordings SET start = ?, seconds = ? WHERE id = ?',
@@ -331,15 +323,14 @@ def _keep(
         )
 
 
-def _added(database: sqlite3.Connection, stamp: Stamp, about: RecordingFacts) -> int:
-    card = about.card
+def _added(database: sqlite3.Connection, stamp: Stamp, card: Card) -> int:
     added = database.execute(
         'INSERT INTO recordings (path, size, changed, name, robot, unit, controller, terrain, '
-        'created, start, seconds, card) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
+        'created, card) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
         (
             *(stamp.path, stamp.size, stamp.changed, Path(stamp.path).name),
             *(card.robot, card.unit, card.controller, card.terrain, card.created),
-            *(about.start, about.seconds, json.dumps(card_content(card), default=str)),
+            json.dumps(card_content(card), default=str),
         ),
     )
     assert added.lastrowid is not None

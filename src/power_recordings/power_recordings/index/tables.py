@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,35 +19,21 @@ _FIGURES = ('model', 'drive', 'name', 'term', 'unit', 'value', 'error')
 FILES = ('recordings.parquet', 'quality.parquet', 'coefficients.parquet')
 
 
-@dataclass(frozen=True)
-class Question:
-    """Recordings to list: of a robot and unit, created in [since, until); '' for any."""
-
-    robot: str = ''
-    unit: str = ''
-    since: str = ''
-    until: str = ''
-
-    @property
-    def where(self) -> tuple[str, list[str]]:
-        """An SQL condition and its values."""
-        asked = {
-            'robot = ?': self.robot,
-            'unit = ?': self.unit,
-            'created >= ?': self.since,
-            "created < ? AND created <> ''": self.until,
-        }
-        given = {condition: value for condition, value in asked.items() if value}
-        return ' AND '.join(given) or '1', list(given.values())
-
-
-def listed(index: RecordingIndex, question: Question) -> list[dict[str, Any]]:
-    """Return the cards that fit a question, by robot, unit and date."""
-    where, values = question.where
+def listed(
+    index: RecordingIndex, robot: str, unit: str, since: str, until: str
+) -> list[dict[str, Any]]:
+    """Return the cards of a robot and unit, created in [since, until), in order; '' for any."""
+    asked = {
+        'robot = ?': robot,
+        'unit = ?': unit,
+        'created >= ?': since,
+        "created < ? AND created <> ''": until,
+    }
+    given = {condition: value for condition, value in asked.items() if value}
     rows = index.rows(
-        f'SELECT {", ".join(_COLUMNS)} FROM recordings WHERE {where} '
+        f'SELECT {", ".join(_COLUMNS)} FROM recordings WHERE {" AND ".join(given) or "1"} '
         'ORDER BY robot, unit, created, start, path',
-        values,
+        list(given.values()),
     )
     return [dict(zip(_COLUMNS, row, strict=True)) for row in rows]
 

@@ -1,10 +1,10 @@
 """Encoding and decoding of messages as CDR bytes, without ROS."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache, wraps
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,17 +16,16 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_recordings.messages.cdr_layout import Layout
-from power_recordings.messages.types import BATTERY_STATE as BATTERY_STATE
-from power_recordings.messages.types import DIAGNOSTIC_ARRAY as DIAGNOSTIC_ARRAY
-from power_recordings.messages.types import DRIVE_SUPPLY as DRIVE_SUPPLY
-from power_recordings.messages.types import IMU as IMU
-from power_recordings.messages.types import JOINT_STATE as JOINT_STATE
-from power_recordings.messages.types import ODOMETRY as ODOMETRY
-from power_recordings.messages.types import POWER_ESTIMATE as POWER_ESTIMATE
-from power_recordings.messages.types import TWIST_STAMPED as TWIST_STAMPED
 
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+BATTERY_STATE = 'sensor_msgs/msg/BatteryState'
+IMU = 'sensor_msgs/msg/Imu'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
+DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+DRIVE_SUPPLY = 'drive_power_msgs/msg/DriveSupply'
+POWER_ESTIMATE = 'drive_power_msgs/msg/PowerEstimate'
 _PACKAGE = 'drive_power_msgs'
-P = ParamSpec('P')
 
 
 def definitions() -> Path:
@@ -56,10 +55,15 @@ def typestore() -> Typestore:
     return store
 
 
+def full_type(name: str) -> str:
+    """Return `package/msg/Type` for the name of a type as ROS 1 or ROS 2 has it."""
+    package, slash, rest = name.partition('/')
+    return f'{package}/msg/{rest}' if slash and '/' not in rest else name
+
+
 def full_name(type_name: str) -> str:
     """Return `package/msg/Type` for that or `package/Type`; InputError if unknown."""
-    parts = type_name.split('/')
-    name = f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else type_name
+    name = full_type(type_name)
     if name not in typestore().fielddefs:
         raise InputError(f'unknown message type {type_name!r}; expected e.g. {JOINT_STATE!r}')
     return name
@@ -150,22 +154,10 @@ def encode_block(
     return layout.encode(len(stamps), {**stamp, **columns})
 
 
-def _in_a_list(
-    block: Callable[P, NDArray[np.uint8] | list[NDArray[np.uint8]]],
-) -> Callable[P, list[bytes]]:
-    """Make an encoder return its messages in a list."""
-
-    @wraps(block)
-    def encoder(*args: P.args, **kwargs: P.kwargs) -> list[bytes]:
-        found = block(*args, **kwargs)
-        blocks = found if isinstance(found, list) else [found]
-        rows = ((part.tobytes(), part.shape[1]) for part in blocks)
-        return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
-
-    return encoder
-
-
-encode = _in_a_list(encode_block)
+def in_a_list(*blocks: NDArray[np.uint8]) -> list[bytes]:
+    """Return the messages of encoded blocks one by one."""
+    rows = ((block.tobytes(), block.shape[1]) for block in blocks)
+    return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
 
 
 def joint_state_block(
@@ -187,9 +179,6 @@ def joint_state_block(
     return encode_block(
         JOINT_STATE, stamps_ns, columns, header=header, name=list(names), **lengths
     )
-
-
-encode_joint_states = _in_a_list(joint_state_block)
 
 
 def drive_supply_blocks(
@@ -250,11 +239,8 @@ def drive_supply_blocks(
     return blocks
 
 
-encode_drive_supply = _in_a_list(drive_supply_blocks)
-
-
 def battery_block(
-    stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike, frame_id: str = ''
+    stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike
 ) -> NDArray[np.uint8]:
     """Encode N sensor_msgs/BatteryState; current [N] A is negative while drawing."""
     unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
@@ -262,14 +248,10 @@ def battery_block(
         BATTERY_STATE,
         stamps_ns,
         {'voltage': voltage, 'current': current},
-        header={'frame_id': frame_id},
         power_supply_status=2,
         present=True,
         **dict.fromkeys(unmeasured, np.nan),
     )
-
-
-encode_batteries = _in_a_list(battery_block)
 
 
 def imu_block(
@@ -277,18 +259,14 @@ def imu_block(
     orientation: Floats,
     angular_velocity: Floats,
     linear_acceleration: Floats,
-    frame_id: str = 'base',
 ) -> NDArray[np.uint8]:
-    """Encode N sensor_msgs/Imu: quaternion x y z w [N, 4], rad/s [N, 3] and m/s² [N, 3]."""
+    """Encode N sensor_msgs/Imu of `base`: quaternion x y z w [N, 4], rad/s and m/s² [N, 3]."""
     columns = {
         **_vector('orientation', 'xyzw', orientation),
         **_vector('angular_velocity', 'xyz', angular_velocity),
         **_vector('linear_acceleration', 'xyz', linear_acceleration),
     }
-    return encode_block(IMU, stamps_ns, columns, header={'frame_id': frame_id})
-
-
-encode_imu = _in_a_list(imu_block)
+    return encode_block(IMU, stamps_ns, columns, header={'frame_id': 'base'})
 
 
 def odometry_block(
@@ -297,36 +275,26 @@ def odometry_block(
     orientation: Floats,
     linear_velocity: Floats,
     angular_velocity: Floats,
-    frame_id: str = 'odom',
-    child_frame_id: str = 'base',
 ) -> NDArray[np.uint8]:
-    """Encode N nav_msgs/Odometry: pose in frame_id, twist in child_frame_id."""
+    """Encode N nav_msgs/Odometry: pose in `odom`, twist in `base`."""
     columns = {
         **_vector('pose.pose.position', 'xyz', position),
         **_vector('pose.pose.orientation', 'xyzw', orientation),
         **_vector('twist.twist.linear', 'xyz', linear_velocity),
         **_vector('twist.twist.angular', 'xyz', angular_velocity),
     }
-    header = {'frame_id': frame_id}
-    return encode_block(ODOMETRY, stamps_ns, columns, header=header, child_frame_id=child_frame_id)
+    frames: dict[str, Any] = {'header': {'frame_id': 'odom'}, 'child_frame_id': 'base'}
+    return encode_block(ODOMETRY, stamps_ns, columns, **frames)
 
 
-encode_odometry = _in_a_list(odometry_block)
-
-
-def twist_block(
-    stamps_ns: NDArray[np.int64], velocity: Floats, frame_id: str = 'base'
-) -> NDArray[np.uint8]:
-    """Encode N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
+def twist_block(stamps_ns: NDArray[np.int64], velocity: Floats) -> NDArray[np.uint8]:
+    """Encode N geometry_msgs/TwistStamped of `base`, [N, 3]: vx, vy m/s, yaw rate rad/s."""
     columns = {
         'twist.linear.x': velocity[:, 0],
         'twist.linear.y': velocity[:, 1],
         'twist.angular.z': velocity[:, 2],
     }
-    return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': frame_id})
-
-
-encode_twists = _in_a_list(twist_block)
+    return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': 'base'})
 
 
 def _vector(path: str, axes: str, values: Floats) -> dict[str, Floats]:

@@ -1,6 +1,7 @@
 """Columns of numbers from the messages of one topic, in one order of names."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +13,57 @@ from power_recordings.messages.batch import Batch, windows
 from power_recordings.messages.cdr import typestore
 from power_recordings.messages.cdr_layout import Layout
 
-_MOST_LAYOUTS = 256
+_MOST_LAYOUTS = 256  # of messages of one size
+
+
+class TooManyLayoutsError(Exception):
+    """Texts or lengths of arrays change in nearly every message of a topic."""
+
+
+class MessageSorter:
+    """Sorts the messages of a topic by their layouts, which it learns from them.
+
+    learn: makes the layout of a message; ValueError for one that is damaged.
+    """
+
+    def __init__(self, learn: Callable[[bytes], Layout]) -> None:
+        self._learn = learn
+        self._layouts: dict[int, list[Layout]] = defaultdict(list)
+
+    def sort(
+        self, batch: Batch
+    ) -> Iterator[tuple[Layout | None, NDArray[np.intp], NDArray[np.uint8]]]:
+        """Yield each layout with the places [N] and bytes [N, size] of its messages in a batch.
+
+        The layout of damaged messages is None. Raises TooManyLayoutsError.
+        """
+        for size in np.unique(batch.sizes).tolist():
+            places = np.flatnonzero(batch.sizes == size)
+            if size < 4:
+                yield None, places, np.zeros((len(places), 0), np.uint8)
+                continue
+            rows = windows(batch.data, size)[batch.offsets[places]]
+            known, tried = self._layouts[size], 0
+            while len(places):
+                if tried == len(known):
+                    try:
+                        layout = self._learn(rows[0].tobytes())
+                    except ValueError:
+                        yield None, places[:1], rows[:1]
+                        places, rows = places[1:], rows[1:]
+                        continue
+                    if tried >= _MOST_LAYOUTS:
+                        raise TooManyLayoutsError
+                    known.append(layout)
+                layout = known[tried]
+                tried += 1
+                same = layout.matches(rows)
+                if same.all():
+                    yield layout, places, rows
+                    break
+                if same.any():
+                    yield layout, places[same], rows[same]
+                    places, rows = places[~same], rows[~same]
 
 
 @dataclass
@@ -40,49 +91,35 @@ class Columns:
     blocks: list[Block] = field(default_factory=list)
     count: int = 0
     damaged: int = 0
-    _too_many_layouts: bool = False  # names or lengths change in nearly every message
-    _layouts: dict[int, list[Layout]] = field(default_factory=dict)
+    _too_many_layouts: bool = False
+
+    def __post_init__(self) -> None:
+        self._sorter = MessageSorter(
+            lambda example: Layout(typestore().fielddefs, self.type_name, example)
+        )
 
     def add(self, batch: Batch) -> None:
         """Decode the messages of a batch; damaged ones are counted and left out."""
-        order = np.arange(self.count, self.count + len(batch.offsets))
-        self.count += len(order)
-        for size in np.unique(batch.sizes).tolist():
-            those = np.flatnonzero(batch.sizes == size)
-            if size < 4:
-                self.damaged += len(those)
-                continue
-            self._sort(windows(batch.data, size)[batch.offsets[those]], order[those])
-
-    def _sort(self, rows: NDArray[np.uint8], order: NDArray[np.int64]) -> None:
-        layouts = self._layouts.setdefault(rows.shape[1], [])
-        for layout in layouts:
-            matched = layout.matches(rows)
-            if matched.all():
-                self._decode(layout, rows, order)
-                return
-            if matched.any():
-                self._decode(layout, rows[matched], order[matched])
-                rows, order = rows[~matched], order[~matched]
-        while len(rows):
-            try:
-                layout = Layout(typestore().fielddefs, self.type_name, rows[0].tobytes())
-            except ValueError:
-                self.damaged += 1
-                rows, order = rows[1:], order[1:]
-                continue
-            if len(layouts) == _MOST_LAYOUTS:
-                self._too_many_layouts = True
-                return
-            layouts.append(layout)
-            matched = layout.matches(rows)
-            self._decode(layout, rows[matched], order[matched])
-            rows, order = rows[~matched], order[~matched]
+        begin, self.count = self.count, self.count + len(batch.offsets)
+        if self._too_many_layouts:
+            return
+        try:
+            for layout, places, rows in self._sorter.sort(batch):
+                if layout is None:
+                    self.damaged += len(places)
+                else:
+                    self._decode(layout, rows, begin + places)
+        except TooManyLayoutsError:
+            self._too_many_layouts = True
 
     def _decode(self, layout: Layout, rows: NDArray[np.uint8], order: NDArray[np.int64]) -> None:
         seconds = layout.decode(rows, 'header.stamp.sec').astype(np.int64)
         stamp = seconds * 1_000_000_000 + layout.decode(rows, 'header.stamp.nanosec')
-        columns = {path: _narrow(layout.decode(rows, path)) for path in self.paths}
+        columns = {path: layout.decode(rows, path) for path in self.paths}
+        for path, values in columns.items():
+            if values.dtype.kind == 'f':
+                with np.errstate(over='ignore'):
+                    columns[path] = values.astype(np.float32)
         self.blocks.append(Block(layout, order, stamp, columns))
 
     def check(self) -> None:
@@ -148,8 +185,3 @@ class Columns:
         if (np.diff(order) >= 0).all():
             return joined
         return joined[np.argsort(order, kind='stable')]
-
-
-def _narrow(values: NDArray[Any]) -> NDArray[Any]:
-    with np.errstate(over='ignore'):
-        return values.astype(np.float32) if values.dtype.kind == 'f' else values

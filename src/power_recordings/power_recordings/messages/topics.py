@@ -2,8 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 import numpy as np
+from wattwalk_core.errors import InputError
 
 from power_recordings.messages import cdr
 from power_recordings.messages.samples import (
@@ -119,3 +122,19 @@ KINDS: Mapping[str, Kind] = {
     'motor_current': _by_name(MotorCurrentSamples, 'effort'),
     'foot_force': _by_name(FootForceSamples, 'effort'),
 }
+
+
+TYPES: Mapping[str, str] = {
+    **{name: kind.type_name for name, kind in KINDS.items() if name != 'motor_current'},
+    'diagnostics': cdr.DIAGNOSTIC_ARRAY,
+}
+"""Types of the topics that nodes of the suite publish; a motor's current is from logs alone."""
+
+
+def message_class(type_name: str) -> Any:
+    """Return the ROS class of `package/msg/Type`; InputError if its package is not there."""
+    package, _, name = type_name.split('/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f'cannot record {type_name}: {error}; is {package} sourced?') from error

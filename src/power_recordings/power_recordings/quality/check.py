@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -59,12 +59,6 @@ class DriveQuality:
     cells: float  # share of torque–speed space
     quadrants: float
 
-    @classmethod
-    def of(cls, content: Mapping[str, Any]) -> Self:
-        """Make it from its fields, in which ranges may be lists."""
-        ranges = {key: tuple(own) for key, own in content.items() if isinstance(own, list | tuple)}
-        return cls(**{**content, **ranges})
-
 
 @dataclass(frozen=True)
 class SupplyLine:
@@ -89,23 +83,8 @@ class Quality:
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
     def content(self) -> dict[str, Any]:
-        """Return the figures as JSON has them."""
+        """Return the figures as JSON has them, and as `schema.parse` reads them."""
         return asdict(self)
-
-    @classmethod
-    def of(cls, content: Mapping[str, Any]) -> Self:
-        """Make it from what `content` returned; KeyError or TypeError for anything else."""
-        line, robot = content['supply'], content['robot']
-        return cls(
-            seconds=content['seconds'],
-            topics={name: Timing(**own) for name, own in content['topics'].items()},
-            drives={name: DriveQuality.of(own) for name, own in content['drives'].items()},
-            torque_at=content['torque_at'],
-            findings=tuple(Finding(**own) for own in content['findings']),
-            supply=None if line is None else SupplyLine(**line),
-            robot=None if robot is None else physics.ShaftBalance(**robot),
-            lost={name: SampleLoss(**own) for name, own in content['lost'].items()},
-        )
 
 
 @np.errstate(all='ignore')
@@ -314,13 +293,6 @@ class _Checker:
         ):
             self.findings.append(found)
 
-    @property
-    def _worked(self) -> float:
-        """Mechanical power of all joints in the mean, W."""
-        if self._joints is None:
-            return 0.0
-        return float(np.nansum(np.nanmean(self._joints.effort * self._joints.velocity, axis=0)))
-
     def supply(self) -> SupplyLine | None:
         """Check the supply of the whole robot, and set it against the drives."""
         if not self._recording.has('supply'):
@@ -328,8 +300,10 @@ class _Checker:
         supply = self._recording.supply()
         if len(supply) < _FEWEST:
             return None
-        mean = float(np.nanmean(supply.power))
-        if mean < 0 and self._worked > _GENERATES * mean:
+        mean, worked = float(np.nanmean(supply.power)), 0.0
+        if (joints := self._joints) is not None:
+            worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
+        if mean < 0 and worked > _GENERATES * mean:
             self._find(
                 'supply_sign',
                 'error',

@@ -27,6 +27,10 @@ class Finding:
     text: str
     mend: str = ''
 
+    def __str__(self) -> str:
+        who = f'{self.drive}: ' if self.drive else ''
+        return f'{who}{self.text}' + (f'; in the map: {self.mend}' if self.mend else '')
+
 
 _OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
 _TOLERANCE: Final = 0.12

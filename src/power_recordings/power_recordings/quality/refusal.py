@@ -61,12 +61,9 @@ def refuse_wrong_units(
     ]
     if not wrong:
         return
-    first = wrong[0]
     more = f' ({len(wrong) - 1} more: `power_recordings info`)' if len(wrong) > 1 else ''
-    mend = f'; in the map: {first.mend}' if first.mend else ''
-    who = f'{first.drive}: ' if first.drive else ''
     overruled = f'; {overruled_by} judges it as it is' if overruled_by else ''
-    raise InputError(f'{recording.path}: {who}{first.text}{mend}{more}{overruled}')
+    raise InputError(f'{recording.path}: {wrong[0]}{more}{overruled}')
 
 
 def refuse_slow(recording: Recording, drives: Collection[str] = ()) -> None:

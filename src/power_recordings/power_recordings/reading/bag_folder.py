@@ -36,7 +36,7 @@ class SqliteFile:
             with closing(self._connect()) as database:
                 self._declare(database)
         except (sqlite3.Error, ValueError, TypeError) as error:
-            raise self._damaged(error) from None
+            raise InputError(f'{path}: not a readable bag: {printable(str(error))}') from None
 
     def batches(self) -> Iterator[Batch]:
         """Yield the messages in the order of their times; what is damaged ends them."""
@@ -78,22 +78,17 @@ class SqliteFile:
             raise ValueError('its tables are computed')
         texts: dict[str, str] = {}
         if not _COMPUTED.search(made.get('message_definitions', 'as')):
+            columns = 'topic_type, encoded_message_definition'
             texts = dict(
-                self._rows(
-                    database, 'topic_type, encoded_message_definition FROM message_definitions'
-                )
+                database.execute(
+                    f'SELECT {columns} FROM message_definitions LIMIT 65536'
+                ).fetchall()
             )
-        for number, name, kind, encoding in self._rows(
-            database, 'id, name, type, serialization_format FROM topics'
+        for number, name, kind, encoding in database.execute(
+            'SELECT id, name, type, serialization_format FROM topics LIMIT 65536'
         ):
             text = texts.get(str(kind), '')
             self.topics[int(number)] = Topic(str(name), str(kind), str(encoding), str(text))
-
-    def _rows(self, database: sqlite3.Connection, what: str) -> list[tuple[Any, ...]]:
-        return database.execute(f'SELECT {what} LIMIT 65536').fetchall()
-
-    def _damaged(self, error: Exception) -> InputError:
-        return InputError(f'{self.path}: not a readable bag: {printable(str(error))}')
 
 
 @dataclass(frozen=True)
@@ -124,25 +119,15 @@ class Bag:
         every: read only every n-th chunk of an MCAP file.
         """
         for path in self.files:
+            file: McapFile | SqliteFile
             if self.is_sqlite:
-                database = SqliteFile(path)
-                yield from database.batches()
-                file: McapFile | SqliteFile = database
+                file = SqliteFile(path)
+                yield from file.batches()
             else:
-                file = mcap = McapFile(path)
-                yield from mcap.batches(None if skip is None else _by_name(mcap, skip), every)
+                file = McapFile(path)
+                yield from file.batches(skip, every)
             problems += file.problems
             topics.update({topic.name: topic for topic in file.topics.values()})
-
-
-def _by_name(
-    file: McapFile, skip: Callable[[Mapping[str, int]], bool]
-) -> Callable[[Mapping[int, int]], bool]:
-    def skip_chunk(counts: Mapping[int, int]) -> bool:
-        known = counts.keys() <= file.topics.keys()
-        return known and skip({file.topics[c].name: n for c, n in counts.items()})
-
-    return skip_chunk
 
 
 def check_recordings(paths: Iterable[Path]) -> None:

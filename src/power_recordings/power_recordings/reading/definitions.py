@@ -41,9 +41,3 @@ def fields_of(text: str, type_name: str, given: Fields) -> Fields:
     """
     own = own_fields(text, type_name) if text else {}
     return {**typestore().fielddefs, **given, **own}
-
-
-def full_type(name: str) -> str:
-    """Return `package/msg/Type` for the name of a type as ROS 1 or ROS 2 has it."""
-    package, slash, rest = name.partition('/')
-    return f'{package}/msg/{rest}' if slash and '/' not in rest else name

@@ -65,12 +65,12 @@ class McapFile:
             raise InputError(f'{path} is not an MCAP file: it begins with {start!r}')
 
     def batches(
-        self, skip: Callable[[Mapping[int, int]], bool] | None = None, every: int = 1
+        self, skip: Callable[[Mapping[str, int]], bool] | None = None, every: int = 1
     ) -> Iterator[Batch]:
         """Yield the messages; damaged parts are left out and noted in `problems`.
 
         skip: returns whether to omit a chunk with an index, given its numbers of messages by
-        channel. every: of chunks after the first few, which declare the topics, only
+        topic. every: of chunks after the first few, which declare the topics, only
         every n-th is read from the disk.
         """
         packed: bytes | None = None
@@ -154,11 +154,12 @@ class McapFile:
         self,
         body: bytes,
         indices: Sequence[bytes],
-        skip: Callable[[Mapping[int, int]], bool] | None,
+        skip: Callable[[Mapping[str, int]], bool] | None,
     ) -> Iterator[Batch]:
         if skip is not None and indices:
             counts = {int.from_bytes(i[:2], 'little'): (len(i) - 6) // 16 for i in indices}
-            if skip(counts):
+            known = counts.keys() <= self.topics.keys()
+            if known and skip({self.topics[c].name: n for c, n in counts.items()}):
                 return
         try:
             chunk = _Chunk(body, self.path)

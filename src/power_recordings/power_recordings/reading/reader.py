@@ -297,6 +297,7 @@ class _Loader:
         return Columns(f'{self._path}: {topic.name}', topic.type_name, KINDS[short].paths)
 
     def _check(self, topic: Topic, type_name: str) -> None:
+        """Raise InputError for messages of another type, encoding or definition."""
         if topic.type_name != type_name:
             raise InputError(
                 f'{self._path}: topic {topic.name} is a {topic.type_name}; expected {type_name}'
@@ -305,7 +306,21 @@ class _Loader:
             raise InputError(
                 f'{self._path}: {topic.name} is encoded as {topic.encoding!r}, not cdr'
             )
-        _check_definition(self._path, topic)
+        if topic.definition in ('', definition(topic.type_name)):
+            return
+        try:
+            recorded = own_fields(topic.definition, full_name(topic.type_name))
+        except ValueError as error:
+            raise InputError(
+                f'{self._path}: the definition of {topic.name} is damaged: {printable(str(error))}'
+            ) from error
+        for name, (_, fields) in recorded.items():
+            known = typestore().fielddefs.get(name)
+            if known is not None and known[1] != fields:
+                raise InputError(
+                    f'{self._path}: {topic.name} was recorded with another definition of {name} '
+                    f'(fields {", ".join(field[0] for field in fields)})'
+                )
 
     def samples(
         self, problems: list[str]
@@ -328,25 +343,6 @@ class _Loader:
                 continue
             found[short], breaks[short] = _in_time(whole, name, problems)
         return found, breaks
-
-
-def _check_definition(path: Path, topic: Topic) -> None:
-    """Raise InputError for messages whose fields are not those of the known type."""
-    if topic.definition in ('', definition(topic.type_name)):
-        return
-    try:
-        recorded = own_fields(topic.definition, full_name(topic.type_name))
-    except ValueError as error:
-        raise InputError(
-            f'{path}: the definition of {topic.name} is damaged: {printable(str(error))}'
-        ) from error
-    for name, (_, recorded_fields) in recorded.items():
-        known = typestore().fielddefs.get(name)
-        if known is not None and known[1] != recorded_fields:
-            raise InputError(
-                f'{path}: {topic.name} was recorded with another definition of {name} '
-                f'(fields {", ".join(field[0] for field in recorded_fields)})'
-            )
 
 
 def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, NDArray[np.int64]]:

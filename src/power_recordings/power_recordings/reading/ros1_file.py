@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import regular_size
 
 from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Topic, joined
-from power_recordings.reading.definitions import full_type
+from power_recordings.messages.cdr import full_type
 
 _MAGIC: Final = b'#ROSBAG V2.0\n'
 _MESSAGE, _BAG, _CHUNK, _CONNECTION = 2, 3, 5, 7
@@ -20,6 +20,8 @@ _TIME = struct.Struct('<II')
 _LARGEST_HEADER: Final = 1 << 20  # bytes
 _MOST_MESSAGES: Final = 2_000_000  # of one chunk
 
+# lz4 raises RuntimeError.
+_DAMAGE = (ValueError, struct.error, KeyError, IndexError, EOFError, OSError, RuntimeError)
 Header = dict[bytes, bytes]
 
 
@@ -52,14 +54,9 @@ class Ros1File:
                         self._declare(header, data)
                     elif code == _CHUNK:
                         yield from self._messages(self._unpacked(header, data))
-            except (ValueError, struct.error, KeyError, IndexError, EOFError, OSError) as error:
-                self._problem(error)
-            except RuntimeError as error:  # of lz4
-                self._problem(error)
-
-    def _problem(self, error: Exception) -> None:
-        reason = printable(str(error))
-        self.problems.append(f'{self.path.name} is cut off or damaged: {reason}')
+            except _DAMAGE as error:
+                reason = printable(str(error))
+                self.problems.append(f'{self.path.name} is cut off or damaged: {reason}')
 
     def _header(self, file: IO[bytes]) -> Header | None:
         length = file.read(4)

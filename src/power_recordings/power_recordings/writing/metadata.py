@@ -56,15 +56,15 @@ class Qos:
         return dump_yaml([self.profile()]).rstrip()
 
 
-@dataclass(frozen=True)
+@dataclass
 class TopicSummary:
-    """One topic of a bag."""
+    """One topic of a bag, and its number of messages."""
 
     name: str
     type_name: str
     type_hash: str
     qos: Qos
-    count: int
+    count: int = 0
 
 
 def information(

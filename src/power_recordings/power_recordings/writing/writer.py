@@ -19,8 +19,7 @@ from wattwalk_core.files import RecordingError, advice, write_whole
 from wattwalk_core.yaml_file import dump_yaml
 
 from power_recordings.messages import cdr as messages
-from power_recordings.writing import metadata
-from power_recordings.writing.metadata import Qos
+from power_recordings.writing.metadata import Qos, TopicSummary, information
 
 _CHUNK_SIZE = 1 << 20
 _RESERVE = 4 << 20
@@ -139,8 +138,7 @@ class BagWriter:
         self.file = self.path / f'{self.path.resolve().name}_0.mcap'
         self._period = round(flush_period * 1e9)
         self._schemas: dict[str, int] = {}
-        self._topics: dict[int, tuple[str, str, Qos]] = {}
-        self._counts: dict[int, int] = {}
+        self._topics: dict[int, TopicSummary] = {}
         self._first: int | None = None
         self._last = 0
         self._chunk_start: int | None = None
@@ -162,7 +160,7 @@ class BagWriter:
     @property
     def counts(self) -> Mapping[str, int]:
         """Number of messages given to `write`, by topic."""
-        return {self._topics[topic][0]: count for topic, count in self._counts.items()}
+        return {topic.name: topic.count for topic in self._topics.values()}
 
     @property
     def size(self) -> int:
@@ -178,8 +176,8 @@ class BagWriter:
         self._must_be_open()
         name = name if name.startswith('/') else f'/{name}'
         type_name = messages.full_name(type_name)
-        qos = qos or Qos()
-        if any(topic[0] == name for topic in self._topics.values()):
+        summary = TopicSummary(name, type_name, messages.type_hash(type_name), qos or Qos())
+        if name in self.counts:
             raise InputError(f'topic {name!r} is in the bag already')
         if type_name not in self._schemas:
             text = messages.definition(type_name).encode()
@@ -188,10 +186,9 @@ class BagWriter:
             name,
             'cdr',
             self._schemas[type_name],
-            {'offered_qos_profiles': qos.dump(), 'topic_type_hash': messages.type_hash(type_name)},
+            {'offered_qos_profiles': summary.qos.dump(), 'topic_type_hash': summary.type_hash},
         )
-        self._topics[topic] = (name, type_name, qos)
-        self._counts[topic] = 0
+        self._topics[topic] = summary
         return topic
 
     def write(self, topic: int, log_time_ns: int, cdr: bytes) -> None:
@@ -200,14 +197,14 @@ class BagWriter:
         Raises RecordingError if the disk refuses (the bag is then closed) or the bag is closed.
         """
         self._must_be_open()
-        if topic not in self._counts:
+        if topic not in self._topics:
             raise InputError(f'no topic {topic!r} in this bag: call add_topic first')
         time = int(log_time_ns)
         if self._chunk_start is None:
             self._chunk_start = time
         self._first = time if self._first is None else min(self._first, time)
         self._last = max(self._last, time)
-        self._counts[topic] += 1
+        self._topics[topic].count += 1
         self._mcap.add_message(topic, time, cdr, time)
         if abs(time - self._chunk_start) >= self._period:
             self.flush()
@@ -263,7 +260,7 @@ class BagWriter:
             self._output.append(data)
         except OSError as error:
             raise self._rescue(data, error) from error
-        self._saved = sum(self._counts.values())
+        self._saved = sum(self.counts.values())
 
     def _rescue(self, data: bytes, cause: OSError) -> RecordingError:
         """Close the bag in the reserved space and return the error to raise."""
@@ -271,12 +268,12 @@ class BagWriter:
         self._output.release_reserve()
         try:
             self._output.append(data)
-            self._saved = sum(self._counts.values())
+            self._saved = sum(self.counts.values())
             self._finish()
         except OSError:
             self._closed = True
             self._output.close()
-            lost = sum(self._counts.values()) - self._saved
+            lost = sum(self.counts.values()) - self._saved
             return RecordingError(
                 f'{stopped}. The {self._saved} messages in the bag are readable, though it has '
                 f'no index; {lost} messages are lost'
@@ -287,17 +284,8 @@ class BagWriter:
 
     def _finish(self) -> None:
         self._closed = True
-        content = metadata.information(
-            self.file.name,
-            [
-                metadata.TopicSummary(name, type_name, messages.type_hash(type_name), qos, count)
-                for (name, type_name, qos), count in zip(
-                    self._topics.values(), self._counts.values(), strict=True
-                )
-            ],
-            self._first or 0,
-            self._last,
-        )
+        topics = list(self._topics.values())
+        content = information(self.file.name, topics, self._first or 0, self._last)
         try:
             self._mcap.add_metadata('rosbag2', {'serialized_metadata': dump_yaml(content)})
             self._mcap.finish()

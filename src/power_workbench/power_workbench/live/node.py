@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import NOTE
-from power_recordings.messages.types import TYPES, message_class
+from power_recordings.messages.topics import TYPES, message_class
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy

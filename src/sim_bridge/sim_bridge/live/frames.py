@@ -36,15 +36,15 @@ class FrameEncoder:
         for step, time, row in zip(meter.step, self._us(meter.step), wide, strict=True):
             number = next(self._counts['electrical'])
             timed.append((step, 0, bus.encode_sync(number, time)))
-            timed.append((step, 1, bus.encode_electrical(number, time, *row)))
+            timed.append((step, 1, bus.encode('electrical', number, time, *row)))
         wide = self._spread(joints.position, joints.velocity, joints.torque)
         for step, time, row in zip(joints.step, self._us(joints.step), wide, strict=True):
             number = next(self._counts['joints'])
-            timed.append((step, 2, bus.encode_joints(number, time, *row)))
+            timed.append((step, 2, bus.encode('joints', number, time, *row)))
         wide = self._spread(warmth.temperature)
         for step, time, row in zip(warmth.step, self._us(warmth.step), wide, strict=True):
             number = next(self._counts['temperature'])
-            timed.append((step, 3, bus.encode_temperature(number, time, *row)))
+            timed.append((step, 3, bus.encode('temperature', number, time, *row)))
         timed.sort(key=lambda entry: entry[:2])
         return [message for _, _, messages in timed for message in messages]
 

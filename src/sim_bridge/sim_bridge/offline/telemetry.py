@@ -73,14 +73,14 @@ class Wire:
         samples, commands = stretch.samples, stretch.commands
         meter, joints, supply = samples.electrical, samples.joints, samples.supply
         spread, places = self._columns.spread, self._columns.places
-        voltage, current = self._bus.quantise_electrical(
-            spread(meter.voltage), spread(meter.current)
+        voltage, current = self._bus.quantise(
+            'electrical', spread(meter.voltage), spread(meter.current)
         )
         kept = [places[index] for index in self._measured]
         position, velocity, effort = (
             values[:, places]
-            for values in self._bus.quantise_joints(
-                spread(joints.position), spread(joints.velocity), spread(joints.torque)
+            for values in self._bus.quantise(
+                'joints', spread(joints.position), spread(joints.velocity), spread(joints.torque)
             )
         )
         topics = {
@@ -125,7 +125,7 @@ class Wire:
 
     def _latest_temperature(self, stretch: SessionPart) -> Floats:
         reading = stretch.samples.temperature
-        wide = self._bus.quantise_temperature(self._columns.spread(reading.temperature))
+        (wide,) = self._bus.quantise('temperature', self._columns.spread(reading.temperature))
         known = np.vstack((self._temperature, wide[:, self._columns.places]))
         self._temperature = known[-1]
         steps = stretch.samples.electrical.step

@@ -1,6 +1,6 @@
 """Reports on a node or a part of it, on the topic `diagnostics` and in the log."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -61,6 +61,11 @@ class Reporter:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+
+def faults(news: Mapping[str, float], is_fault: Callable[[str], bool]) -> str:
+    """Return the counters of faults that rose, each after its change; '' where none did."""
+    return ', '.join(f'{n:.0f} {name}' for name, n in news.items() if n > 0 and is_fault(name))
 
 
 class CountChanges:

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,13 +14,14 @@ from wattwalk_core.files import regular_size
 from wattwalk_core.yaml_file import read_text
 
 from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
-from power_recordings.messages.batch import Batch, Topic, windows
+from power_recordings.messages.batch import Batch, Topic
+from power_recordings.messages.cdr import full_type
 from power_recordings.messages.cdr_layout import Layout
+from power_recordings.messages.topic_columns import MessageSorter, TooManyLayoutsError
 from power_recordings.reading import bag_folder
-from power_recordings.reading.definitions import fields_of, full_type, own_fields
+from power_recordings.reading.definitions import fields_of, own_fields
 from power_recordings.reading.ros1_file import Ros1File
 
-_MOST_LAYOUTS: Final = 256
 _MOST_COLUMNS: Final = 400  # of one topic that are listed
 _STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
@@ -86,7 +88,7 @@ class BagFile:
                 raise InputError(self._errors[topic])
             if topic not in self.counts:
                 raise InputError(f'{self.path}: no topic {topic!r}')
-        layouts: dict[str, dict[int, list[Layout]]] = {t: defaultdict(list) for t in wanted}
+        sorters: dict[str, MessageSorter] = {}
         done, total = 0, sum(self.counts.values())
 
         def unwanted(counts: Mapping[str, int]) -> bool:
@@ -101,42 +103,30 @@ class BagFile:
             done += len(batch.offsets)
             progress(round(self.size * min(done / total, 1.0)))
             if name in wanted:
-                yield self._decode(batch, wanted[name], layouts[name])
+                if name not in sorters:
+                    sorters[name] = MessageSorter(partial(self._layout, batch.topic))
+                yield self._decode(batch, wanted[name], sorters[name])
         if self.problems:
             yield LogBlock('', {}, notes=tuple(self.problems))
 
-    def _decode(
-        self, batch: Batch, fields: Sequence[str], layouts: dict[int, list[Layout]]
-    ) -> LogBlock:
+    def _decode(self, batch: Batch, fields: Sequence[str], sorter: MessageSorter) -> LogBlock:
         count, topic = len(batch.offsets), batch.topic.name
         values = {f'{topic}:{f}': np.full(count, np.nan) for f in fields}
         stamps = np.zeros(count, np.int64)
-        for size in np.unique(batch.sizes).tolist():
-            left = np.flatnonzero(batch.sizes == size)
-            if size < 4:
-                continue
-            rows = windows(batch.data, size)[batch.offsets[left]]
-            known = layouts[size]
-            tried = 0
-            while len(left):
-                if tried == len(known):
-                    if len(known) == _MOST_LAYOUTS:
-                        raise InputError(
-                            f'{self.path}: texts or lengths in {topic} change in nearly every '
-                            'message; expected ones that stay'
-                        )
-                    known.append(self._layout(batch.topic, rows[0].tobytes()))
-                layout = known[tried]
-                tried += 1
-                same = layout.matches(rows)
-                if not same.any():
+        try:
+            for layout, places, rows in sorter.sort(batch):
+                if layout is None:
                     continue
                 for field in fields:
-                    values[f'{topic}:{field}'][left[same]] = _numbers(layout, rows[same], field)
+                    values[f'{topic}:{field}'][places] = _numbers(layout, rows, field)
                 if _STAMP[0] in layout.columns:
-                    sec, nsec = (_whole(layout.decode(rows[same], p)) for p in _STAMP)
-                    stamps[left[same]] = sec * 1_000_000_000 + nsec
-                left, rows = left[~same], rows[~same]
+                    sec, nsec = (_whole(layout.decode(rows, p)) for p in _STAMP)
+                    stamps[places] = sec * 1_000_000_000 + nsec
+        except TooManyLayoutsError:
+            raise InputError(
+                f'{self.path}: texts or lengths in {topic} change in nearly every message; '
+                'expected ones that stay'
+            ) from None
         return LogBlock(topic, values, stamps, batch.log_times)
 
     def _layout(self, topic: Topic, example: bytes) -> Layout:

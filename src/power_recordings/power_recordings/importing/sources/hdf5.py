@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,26 +12,21 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
 from power_recordings.importing.sources import heads
-from power_recordings.importing.sources.source import (
-    LogBlock,
-    LogColumn,
-    Progress,
-    check_room,
-    reading,
-    rows_at_once,
-)
+from power_recordings.importing.sources.source import LogBlock, Progress, check_room, reading
 
 _MOST_DATASETS: Final = 20_000
 
 
-class Hdf5File:
-    """Datasets as `group.dataset.column`; fields of compound types as `dataset.field`."""
+class Hdf5File(heads.ArrayLog):
+    """Datasets as `group.dataset.column`; fields of compound types as `dataset.field`.
 
-    is_bag = False
+    They stay in the file until their rows are read.
+    """
+
+    _file: h5py.File  # of a reader
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.size = path.stat().st_size
+        super().__init__(path, {})
         self._fields: dict[str, tuple[str, str]] = {}  # address of an array: dataset, field
         shapes: dict[str, tuple[int, ...]] = {}
         claimed: list[int] = []  # bytes
@@ -55,28 +51,16 @@ class Hdf5File:
         check_room(path, self.size, sum(claimed))
         self._columns = heads.table_columns(str(path), shapes)
 
-    def columns(self) -> Sequence[LogColumn]:
-        """Return all columns."""
-        return self._columns
-
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows, stream by stream, without loading whole datasets."""
-        wanted = set(addresses)
-        with reading(self.path, 'HDF5 file'), h5py.File(self.path, 'r') as file:
-            for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):
-                chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
-                rows = chosen[0].rows or 0
-                step = rows_at_once(len(chosen))
-                for start in range(0, rows, step):
-                    part = slice(start, min(start + step, rows))
-                    progress(round(self.size * part.stop / rows))
-                    values = {c.address: self._values(file, c.address, part) for c in chosen}
-                    yield LogBlock(stream, values)
+        own = copy(self)  # each reader has its file
+        with reading(self.path, 'HDF5 file'), h5py.File(self.path, 'r') as own._file:
+            yield from heads.ArrayLog.read(own, addresses, progress)
 
-    def _values(self, file: Any, address: str, rows: slice) -> Floats:
+    def _values(self, address: str, rows: slice) -> Floats:
         name, index = heads.split(address, self._fields)
         dataset, field = self._fields[name]
-        data = file[dataset]
+        data = self._file[dataset]
         axis = int(np.argmax(data.shape))
         place: list[Any] = [slice(None)] * data.ndim
         place[axis] = rows

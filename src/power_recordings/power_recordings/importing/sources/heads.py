@@ -179,12 +179,19 @@ class ArrayLog:
         wanted = set(addresses)
         for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):
             chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
-            rows = {c.address: _column(self._arrays, c.address) for c in chosen}
             count = chosen[0].rows or 0
             step = rows_at_once(len(chosen))
             for start in range(0, count, step):
-                progress(round(self.size * min(start + step, count) / count))
-                yield LogBlock(stream, {a: r[start : start + step] for a, r in rows.items()})
+                rows = slice(start, min(start + step, count))
+                progress(round(self.size * rows.stop / count))
+                yield LogBlock(stream, {c.address: self._values(c.address, rows) for c in chosen})
+
+    def _values(self, address: str, rows: slice) -> NDArray[Any]:
+        name, index = split(address, self._arrays)
+        values = as_rows(self._arrays[name])[rows, index]
+        if values.dtype.kind in 'US':
+            return values.astype(object)
+        return values if values.dtype.kind == 'O' else values.astype(np.float64)
 
 
 def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogColumn]:
@@ -222,13 +229,3 @@ def as_rows(array: NDArray[Any]) -> NDArray[Any]:
     if array.ndim == 1:
         return array[:, None]
     return array.T if array.shape[0] < array.shape[1] else array
-
-
-def _column(arrays: Mapping[str, NDArray[Any]], address: str) -> NDArray[Any]:
-    name, index = split(address, arrays)
-    values = as_rows(arrays[name])[:, index]
-    if values.dtype.kind in 'US':
-        return values.astype(object)
-    if values.dtype.kind == 'O':
-        return values
-    return values.astype(np.float64)

@@ -1,5 +1,6 @@
 """The interface of logs: columns by address, read in blocks."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -72,6 +73,20 @@ def first_rows(source: LogSource, columns: Sequence[LogColumn], enough: int) -> 
         yield block
         if min(rows.values()) >= enough:
             return
+
+
+def first_values(
+    source: LogSource, columns: Sequence[LogColumn], enough: int
+) -> dict[str, Floats]:
+    """Return at most so many first rows of those columns that hold numbers, by address."""
+    parts: dict[str, list[Floats]] = {}
+    rows: Counter[str] = Counter()
+    for block in first_rows(source, columns, enough):
+        for address, values in block.values.items():
+            if values.dtype.kind != 'O' and rows[address] < enough:
+                parts.setdefault(address, []).append(values)
+                rows[address] += len(values)
+    return {address: np.concatenate(arrays)[:enough] for address, arrays in parts.items()}
 
 
 def rows_at_once(columns: int) -> int:
