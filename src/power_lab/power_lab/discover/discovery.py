@@ -133,7 +133,8 @@ class Discoverer:
         residual = self.examiner.residual(best)
         drives = problems(fitter, best, self.examiner.folds, residual)
         point = fitter.builder.point(best.fit.structure, best.fit.coefficients)
-        courses = self._courses(drives, floor)
+        in_times = self._in_times(drives)
+        courses = {d: o for d, o in in_times.items() if o.gain >= 2.0 * float(floor[d]) ** 2}
         self.show(f'effect {number + 1}: what it depends on')
         screened = [self._screened(problem, point) for problem in drives]
         base_error = {p.drive: max(p.base_error, 1e-9) for p in drives}
@@ -141,7 +142,7 @@ class Discoverer:
         explained = self._explained(drives, point, screened, number)
         least = {d: max(0.3 * float(floor[d]) ** 2, 0.02 * base_error[d]) for d in base_error}
         ranked = options(explained, least, {d: float(floor[d]) ** 2 for d in least})
-        in_time_gain = sum(one.gain for one in courses.values())
+        in_time_gain = sum(one.gain for one in in_times.values())
         state_gain = ranked[0].shape_gain if ranked else 0.0
         least_share = self._least_of_time(ranked[0], point) if ranked else _LEAST_OF_TIME
         if courses and state_gain < least_share * in_time_gain:
@@ -184,14 +185,10 @@ class Discoverer:
             return _LEAST_OF_TIME
         return _LEAST_OF_TIME_SLOW.get(family.kind, _LEAST_OF_TIME_SLOW['temperature'])
 
-    def _courses(self, drives: Sequence[DriveProblem], floor: Floats) -> dict[int, InTime]:
+    def _in_times(self, drives: Sequence[DriveProblem]) -> dict[int, InTime]:
         prepared = self.fitter.prepared
-        out = {}
-        for problem in drives:
-            one = in_time(problem, prepared.time, prepared.recording)
-            if one is not None and one.gain >= 2.0 * float(floor[problem.drive]) ** 2:
-                out[problem.drive] = one
-        return out
+        found = (in_time(problem, prepared.time, prepared.recording) for problem in drives)
+        return {one.drive: one for one in found if one is not None}
 
     def _screened(self, problem: DriveProblem, point: Linearisation) -> list[DriverGain]:
         screen = DriverScreen(problem, point, self.fitter.prepared)

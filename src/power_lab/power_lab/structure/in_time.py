@@ -13,6 +13,7 @@ from power_lab.structure.problem import DriveProblem
 _SHORTEST = 3.0  # s, of a cycle: shorter ones are steps of the gait
 _HARMONICS = 6
 _KNOT = 25.0  # s, between knots of a drift
+_SWITCH = 8.0  # s, between knots of a drift that stands for something switched on once
 _FINE = 12  # periods tried within the width of a line
 _LINES = 4
 
@@ -71,7 +72,8 @@ def in_time(problem: DriveProblem, time: Floats, recording: NDArray[np.int32]) -
     """Return the cycle or the drift that explains most of a drive's residual, if any does."""
     seconds = float(time[-1] - time[0])
     knots = int(np.clip(seconds / _KNOT, 3, 24))
-    tried = [(0.0, knots), (0.0, 3)]
+    fine = int(np.clip(seconds / _SWITCH, 3, 3 * 24))
+    tried = [(0.0, knots), (0.0, 3), (0.0, fine)]
     tried += [(period, 0) for period in _periods(problem, time)]
     best: InTime | None = None
     for period, count in tried:
