@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Final, overload
+from typing import Final
 
 import numpy as np
 from power_recordings.alignment.align import RATES, align, load_aligned, merge
@@ -23,27 +23,6 @@ RATE: Final = 400.0
 CODE: Final = ('power_recordings', 'power_estimator')
 _LONG: Final = 60.0  # s
 _OVERSAMPLED: Final = 1.9  # samples for each of a slow recording, so that nothing is filtered away
-
-
-class ReadAgain(Sequence[Recording]):
-    """Recordings that are read when somebody asks for one, each time anew."""
-
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self._paths = tuple(paths)
-
-    def __len__(self) -> int:
-        return len(self._paths)
-
-    @overload
-    def __getitem__(self, index: int) -> Recording: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Recording, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Recording | tuple[Recording, ...]:
-        if isinstance(index, slice):
-            return tuple(Recording.open(path) for path in self._paths[index])
-        return Recording.open(self._paths[index])
 
 
 @dataclass(frozen=True)
@@ -95,16 +74,14 @@ def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
 
 @dataclass(frozen=True)
 class _Part:
-    """A recording as a task read it; data: or why it cannot be aligned so."""
+    """A recording as a task read it, without its samples; data: or why it cannot be aligned so."""
 
-    joints: tuple[str, ...]
-    duration: float  # s
+    recording: Recording
     period: float  # s
     data: AlignedDataset | InputError
     described: TrainingRecording
     doubt: str
     changes: float
-    problems: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -133,20 +110,23 @@ def read_on_workers(
     """
     tasks = [_ReadTask(path.resolve(), judged) for path in paths]
     parts = _run(engine, tasks, show)
-    long = sum(part.duration for part in parts) >= _LONG
+    long = sum(part.recording.duration for part in parts) >= _LONG
     rate = _coarsest(min(part.period for part in parts)) if long else RATE
-    joints = _common([(path, part.joints) for path, part in zip(paths, parts, strict=True)])
+    recordings = [
+        replace(part.recording, path=path) for path, part in zip(paths, parts, strict=True)
+    ]
+    joints = _common([(recording.path, recording.joints) for recording in recordings])
     other = [
         place
         for place, part in enumerate(parts)
-        if (_coarsest(part.period), part.joints) != (rate, joints)
+        if (_coarsest(part.period), part.recording.joints) != (rate, joints)
     ]
     again = [replace(tasks[place], rate=rate, joints=joints) for place in other]
     for place, part in zip(other, _run(engine, again, show), strict=True):
         parts[place] = part
     aligned = []
     for path, part in zip(paths, parts, strict=True):
-        for problem in part.problems:
+        for problem in part.recording.problems:
             print(printable(f'note: {path}: {problem}', 500), file=sys.stderr)
         if isinstance(part.data, InputError):
             raise part.data
@@ -154,7 +134,7 @@ def read_on_workers(
         aligned.append(replace(part.data, recordings=(str(path),), notes=notes))
     return ReadRecordings(
         merge(aligned),
-        ReadAgain(paths),
+        recordings,
         tuple(part.described for part in parts),
         tuple(part.doubt for part in parts),
         tuple(part.changes for part in parts),
@@ -181,14 +161,12 @@ def _read(task: _ReadTask) -> _Part:
     except InputError as error:
         data = error
     return _Part(
-        own,
-        recording.duration,
+        recording.lighter(),
         period,
         data,
         describe(task.path),
         _doubt(recording, task.judged),
         _changes(recording, task.judged),
-        tuple(recording.problems),
     )
 
 

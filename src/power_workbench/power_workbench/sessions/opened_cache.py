@@ -8,15 +8,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.judge.left_out import spans_of
-from power_estimator.judge.read_recordings import ReadAgain
 from power_estimator.judge.recordings import Loaded
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.index.store import Stamp, usual_path
+from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import code_fingerprint
 
@@ -214,6 +214,27 @@ def _of_loaded(loaded: Loaded, paths: Sequence[Path]) -> ArrayFile:
         'window': loaded.window,
     }
     return ArrayFile(arrays, about)
+
+
+class ReadAgain(Sequence[Recording]):
+    """Recordings that are read when somebody asks for one, each time anew."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = tuple(paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Recording: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Recording, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Recording | tuple[Recording, ...]:
+        if isinstance(index, slice):
+            return tuple(Recording.open(path) for path in self._paths[index])
+        return Recording.open(self._paths[index])
 
 
 def _loaded(found: ArrayFile) -> Loaded:
