@@ -150,7 +150,13 @@ def test_a_fan_is_told_as_a_cycle_in_time_and_never_written_as_an_effect():
     found = discovered(recorded('fan', 'walk', seed=5, unit=5, seconds=100.0)).found
     assert {one.kind for one in found} == {'time'}
     assert all(one.written is None for one in found)
-    assert found[0].course.period > 0.0
+    assert found[0].course.shape.period > 0.0
+
+
+def test_what_is_switched_on_once_is_told_as_a_step_in_time_on_a_ladder_too():
+    found = discovered(recorded('switched on', 'ladder', seed=0, unit=50, seconds=150.0)).found
+    assert [one.kind for one in found] == ['time']
+    assert 'a step after' in found[0].course.shape.words
 
 
 def test_what_another_drive_puts_into_the_meter_is_told_as_the_other_drive():

@@ -229,11 +229,11 @@ class Discoverer:
         largest = max(courses.values(), key=lambda one: one.gain)
         names = self.fitter.prepared.names
         taken = {one.name for one in found}
-        name = 'time_cycle' if largest.period else 'time_drift'
+        name = 'time_cycle' if largest.shape.period else 'time_drift'
         number, free = 2, name
         while free in taken:
             free, number = f'{name}_{number}', number + 1
-        places = {names[d]: (one.period, one.knots) for d, one in courses.items()}
+        places = {names[d]: one.shape for d, one in courses.items()}
         effect = course_effect(free, places)
         after = self._examined(self.structure.plus(Active.of(effect)), best)
         gain = best.mean_mse - after.mean_mse

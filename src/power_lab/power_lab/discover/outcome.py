@@ -79,13 +79,9 @@ class DiscoveryOutcome:
         watts = f'{one.explains:.2f} W'
         if one.course is not None:
             course = one.course
-            what = (
-                f'a cycle of {course.period:.3g} s'
-                if course.period
-                else 'a drift over the recording'
-            )
             return (
-                f'{watts} on {names} live in time alone: {what}, {course.amplitude:.1f} W high. '
+                f'{watts} on {names} live in time alone: {course.shape.words}, '
+                f'{course.amplitude:.1f} W high. '
                 'This is no physics of the drive; look for what else runs at that time.'
             )
         assert one.written is not None
@@ -145,7 +141,8 @@ class DiscoveryOutcome:
             'in_file': one.written is not None,
         }
         if one.course is not None:
-            content['period_s'] = _short(one.course.period) if one.course.period else None
+            period = one.course.shape.period
+            content['period_s'] = _short(period) if period else None
         if one.formula is None or one.written is None:
             return content
         content |= {
@@ -183,9 +180,7 @@ class DiscoveryOutcome:
 
 def _course_text(one: Found) -> str:
     assert one.course is not None
-    if one.course.period:
-        return f'P = s(t), period {one.course.period:.3g} s'
-    return 'P = s(t), once over the recording'
+    return f'P = s(t), {one.course.shape.words}'
 
 
 def discover(

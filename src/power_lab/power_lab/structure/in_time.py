@@ -1,6 +1,6 @@
 """Structure that lives in time alone: cycles, drift and steps of no known cause."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +13,49 @@ from power_lab.structure.problem import DriveProblem
 _SHORTEST = 3.0  # s, of a cycle: shorter ones are steps of the gait
 _HARMONICS = 6
 _KNOT = 25.0  # s, between knots of a drift
-_SWITCH = 8.0  # s, between knots of a drift that stands for something switched on once
+_SWITCH_KNOTS = 3  # of the drift beside something that is switched on once
 _FINE = 12  # periods tried within the width of a line
 _LINES = 4
+
+
+@dataclass(frozen=True)
+class Course:
+    """A shape in time: a cycle, or a drift by recording with or without a step."""
+
+    period: float = 0.0  # s, of a cycle
+    knots: int = 0  # of a drift
+    step: tuple[int, float] | None = None  # recording, and s from its start
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return 2 * _HARMONICS if self.period else self.knots + (self.step is not None)
+
+    @property
+    def words(self) -> str:
+        """What the course is, to be read after "in time alone:"."""
+        if self.period:
+            return f'a cycle of {self.period:.3g} s'
+        if self.step is not None:
+            return f'a step after {self.step[1]:.1f} s'
+        return 'a drift over the recording'
+
+    def columns(self, time: Floats, recording: NDArray[np.int32]) -> Floats:
+        """Columns [T, width]."""
+        if self.period:
+            angle = 2 * np.pi * (time - time[0]) / self.period
+            waves = [f(h * angle) for h in range(1, _HARMONICS + 1) for f in (np.sin, np.cos)]
+            return np.stack(waves, axis=1)
+        out = np.zeros((len(time), self.width))
+        for one in np.unique(recording):
+            rows = recording == one
+            seconds = time[rows] - time[rows][0]
+            place = seconds / max(seconds[-1], 1e-9) * (self.knots - 1)
+            away = np.abs(place[:, None] - np.arange(self.knots))
+            out[rows, : self.knots] = np.maximum(0.0, 1.0 - away)
+            if self.step is not None and one == self.step[0]:
+                out[rows, -1] = seconds > self.step[1]
+        return out
 
 
 @dataclass(frozen=True)
@@ -23,21 +63,20 @@ class InTime:
     """A course in time of one drive's residual."""
 
     drive: int
-    period: float  # s, 0 for a drift
-    knots: int  # of a drift
+    shape: Course
     gain: float  # W² by row, held out
     amplitude: float  # W, largest less smallest
 
 
-def course_effect(name: str, courses: Mapping[str, tuple[float, int]]) -> Effect:
+def course_effect(name: str, courses: Mapping[str, Course]) -> Effect:
     """Power that follows the time of the recording alone; for fits beside it, never for a file."""
-    count = max(2 * _HARMONICS if period else knots for period, knots in courses.values())
+    count = max(course.width for course in courses.values())
 
     def regressors(signals: Signals, **_: float) -> Floats:
         out = np.zeros((*signals.torque.shape, count))
         for column, drive in enumerate(signals.names):
             if drive in courses:
-                own = course(signals.time, signals.recording, *courses[drive])
+                own = courses[drive].columns(signals.time, signals.recording)
                 out[:, column, : own.shape[1]] = own
         return out
 
@@ -52,59 +91,75 @@ def course_effect(name: str, courses: Mapping[str, tuple[float, int]]) -> Effect
     )
 
 
-def course(time: Floats, recording: NDArray[np.int32], period: float, knots: int) -> Floats:
-    """Columns [T, n] of a cycle, or of a drift by recording."""
-    if period:
-        angle = 2 * np.pi * (time - time[0]) / period
-        waves = [f(h * angle) for h in range(1, _HARMONICS + 1) for f in (np.sin, np.cos)]
-        return np.stack(waves, axis=1)
-    out = np.zeros((len(time), knots))
-    for one in np.unique(recording):
-        rows = recording == one
-        place = time[rows] - time[rows][0]
-        place = place / max(place[-1], 1e-9) * (knots - 1)
-        away = np.abs(place[:, None] - np.arange(knots))
-        out[rows] = np.maximum(0.0, 1.0 - away)
-    return out
-
-
 def in_time(problem: DriveProblem, time: Floats, recording: NDArray[np.int32]) -> InTime | None:
-    """Return the cycle or the drift that explains most of a drive's residual, if any does."""
-    seconds = float(time[-1] - time[0])
-    knots = int(np.clip(seconds / _KNOT, 3, 24))
-    fine = int(np.clip(seconds / _SWITCH, 3, 3 * 24))
-    tried = [(0.0, knots), (0.0, 3), (0.0, fine)]
-    tried += [(period, 0) for period in _periods(problem, time)]
+    """Return the course that explains most of a drive's residual, if any does."""
     best: InTime | None = None
-    for period, count in tried:
-        columns = course(time, recording, period, count)
-        if not period:
+    for one in _courses(problem, time, recording):
+        columns = one.columns(time, recording)
+        if not one.period:
             columns = columns - columns.mean(axis=0)
         moments = problem.moments(columns)
         own = moments.gram[-1][-columns.shape[1] :, -columns.shape[1] :]
         unit = max(float(np.trace(own)) / columns.shape[1], 1e-9)
         solved = problem.solve(moments, 1e-3 * unit * np.eye(columns.shape[1]))
         gain = problem.base_error - float(moments.error(solved[:-1]).sum()) / moments.rows
-        shape = columns @ solved[-1][-columns.shape[1] :]
+        watts = columns @ solved[-1][-columns.shape[1] :]
         if gain > 0.0 and (best is None or gain > 1.02 * best.gain):
-            low, high = np.quantile(shape, (0.01, 0.99))
-            best = InTime(problem.drive, period, count, gain, float(high - low))
+            low, high = np.quantile(watts, (0.01, 0.99))
+            best = InTime(problem.drive, one, gain, float(high - low))
     return best
 
 
-def _periods(problem: DriveProblem, time: Floats) -> list[float]:
-    """Periods of the strongest lines of the residual's means over half seconds, s."""
+def _courses(
+    problem: DriveProblem, time: Floats, recording: NDArray[np.int32]
+) -> Iterator[Course]:
+    seconds = float(time[-1] - time[0])
+    yield Course(knots=int(np.clip(seconds / _KNOT, 3, 24)))
+    yield Course(knots=3)
+    rows, means = _halves(problem)
+    if len(means) > 2 * _SWITCH_KNOTS:
+        at = rows[_step(means)]
+        start = time[recording == recording[at]][0]
+        step = (int(recording[at]), float(time[at] - start))
+        yield Course(knots=_SWITCH_KNOTS, step=step)
+    for period in _periods(time[rows], means):
+        yield Course(period=period)
+
+
+def _halves(problem: DriveProblem) -> tuple[NDArray[np.int64], Floats]:
+    """First rows [n] of half seconds, and the residual's means over them, W [n]."""
     mask = problem.blocks.mask[..., 0]
     left = np.where(mask, np.nan_to_num(problem.residual[problem.blocks.rows]), 0.0)
     half = left.shape[1] // 2
     if half == 0:
-        return []
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
     parts = left[:, : 2 * half].reshape(len(left), 2, half)
     counts = mask[:, : 2 * half].reshape(len(left), 2, half).sum(axis=2)
-    means = (parts.sum(axis=2) / np.maximum(counts, 1)).ravel()
-    stamps = time[problem.blocks.rows[:, : 2 * half].reshape(len(left), 2, half)].mean(axis=2)
-    stamps = stamps.ravel() - time[0]
-    means = means - means.mean()
+    rows = problem.blocks.rows[:, : 2 * half].reshape(len(left), 2, half)[..., 0]
+    used = counts.ravel() > 0
+    means = parts.sum(axis=2).ravel()[used] / counts.ravel()[used]
+    return rows.ravel()[used], means
+
+
+def _step(values: Floats) -> int:
+    """Index at which a step beside a line explains most of the values [n]."""
+    n = len(values)
+    line = np.arange(n) - (n - 1) / 2
+    values = values - values.mean()
+    values = values - line * (line @ values) / (line @ line)
+    after = np.arange(n - 1, 0, -1)  # of a step from 1, 2 … n − 1 on
+    on_line = np.cumsum(line[::-1])[::-1][1:]
+    square = after - after**2 / n - on_line**2 / (line @ line)
+    product = np.cumsum(values[::-1])[::-1][1:]
+    inside = slice(1, -1)  # a step of one value is no step
+    return 2 + int(np.argmax(product[inside] ** 2 / np.maximum(square[inside], 1e-9)))
+
+
+def _periods(stamps: Floats, means: Floats) -> list[float]:
+    """Periods of the strongest lines of means [n] at stamps, s."""
+    if len(means) == 0:
+        return []
+    stamps, means = stamps - stamps[0], means - means.mean()
     span = float(stamps[-1] - stamps[0])
     if span < 4 * _SHORTEST:
         return []
