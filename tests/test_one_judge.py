@@ -79,7 +79,7 @@ def test_every_command_the_page_and_python_state_the_same_error(
     step = SessionStep('add', effects=(ADDED,))
     added = worker.shape(ignored, source, models[0], step, tmp_path / 'page.yaml')
     stairs = lab.stairs().errors
-    told = []
+    report, told = tmp_path / 'why.html', []
     worker.budget(told.append, source, models[1])
     assert [bool(one['content'].get('first')) for one in told] == [True, False]
     stated = {
@@ -92,7 +92,9 @@ def test_every_command_the_page_and_python_state_the_same_error(
             written(benchmark_command, tmp_path, recording, '--models', models[1])['models'][0]
         ),
         'diagnose': over_drives(
-            written(diagnose_command, tmp_path, recording, '--model', models[1])
+            written(
+                diagnose_command, tmp_path, recording, '--model', models[1], '--report', report
+            )
         ),
         'budget': written(budget_command, tmp_path, recording, '--model', models[1])[
             'held_out_rmse_w'
@@ -104,6 +106,7 @@ def test_every_command_the_page_and_python_state_the_same_error(
         'page, budget': told[-1]['content']['held_out_rmse_w'],
     }
     assert stated == pytest.approx(dict.fromkeys(stated, stated['Session']), abs=1e-6)
+    assert f'{stated["Session"]:.2f}' in report.read_text()
     before = over_meters(fit['rmse_w'].values())
     assert over_meters(add['rmse_before_w'].values()) == pytest.approx(before, abs=1e-6)
     assert stairs[0] == pytest.approx(before, abs=1e-6)

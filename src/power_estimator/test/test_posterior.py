@@ -36,8 +36,7 @@ def of_columns(columns, targets, smooth=None, spread=(1.0, 1.0)):
     smooth = np.empty((len(columns), 0)) if smooth is None else smooth
     groups = (1, 1) if smooth.size else (0, 0)
     parts = weighed(columns, targets, smooth)
-    (only,) = marginalised(parts, groups, ((spread[0],), (spread[1],)))
-    return only
+    return marginalised(parts, groups, (np.array(spread[:1]), np.array(spread[1:2]))).at(0)
 
 
 def weighed(columns, targets, smooth):

@@ -1,7 +1,6 @@
 """The same model on the same recording has the same figure wherever it is shown."""
 
 import json
-import math
 import re
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_lab.commands.arguments import add as add_command
 from power_lab.commands.arguments import compare as compare_command
-from power_lab.commands.arguments import diagnose as diagnose_command
 from power_lab.commands.arguments import fit as fit_command
 from power_lab.report.staircase import Stairs
 
@@ -70,19 +68,6 @@ def test_add_draws_no_arrow_between_errors_that_were_held_out_in_different_ways(
     assert re.search(
         r'W \(cross-validated\); the model before: [\d.]+ W \(other recordings\)', out
     )
-
-
-def test_a_diagnosis_and_its_page_have_the_same_figure(made):
-    file, page = str(made / 'why.json'), made / 'why.html'
-    command = [WALK, '--model', str(made / 'better.yaml'), '--json', file, '--report', str(page)]
-    assert diagnose_command(command) == 0
-    compared = json.loads((made / 'compare.json').read_text())['models']
-    drives = json.loads(Path(file).read_text())['drives']
-    assert errors(drives) == pytest.approx(errors(compared[1]['drives']), abs=1e-6)
-    text = page.read_text()
-    for model in compared:
-        mean = math.sqrt(sum(e**2 for e in errors(model['drives']).values()) / len(drives))
-        assert f'{mean:.2f}' in text
 
 
 def test_errors_of_other_kinds_or_recordings_are_no_steps_of_the_staircase(made):

@@ -54,12 +54,11 @@ def cells(
     ones = np.ones(columns.nuisance.shape[1])
     normals = meter.normals(columns)
     middle = np.concatenate([np.where(flat, KNOWN_SIZE, LINEAR_SIZE), ones])
-    logs = np.array([by_delay(normal, middle) for normal in normals])
+    logs = by_delay(normals, middle)
     place = int(np.argmax(logs.max(axis=0)))
     out = []
-    for normal, log in zip(normals, logs[:, place], strict=True):
-        if log < logs[:, place].max() - _NEGLIGIBLE:
-            continue
+    for k in np.flatnonzero(logs[:, place] >= logs[:, place].max() - _NEGLIGIBLE).tolist():
+        normal = normals.at(k)
         for size in SIZES if not flat.all() else SIZES[:1]:
             spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
             out.append(Cell(normal, spread, solved(normal, place, spread, signed)))
@@ -67,13 +66,18 @@ def cells(
 
 
 def fit_set(
-    meter: MeterProblem, actives: Sequence[Active], known: Sequence[str], start: Point
+    meter: MeterProblem,
+    actives: Sequence[Active],
+    known: Sequence[str],
+    start: Point,
+    elsewhere: float = np.inf,
 ) -> FittedSet:
     """Fit a set of effects, each time linearised about the last, until its evidence stands still.
 
     What counts is the last step: a point that is not its own solution may have more evidence,
     since large coefficients may depart further from their formulas. A step after which there is
-    less evidence than before is halved.
+    less evidence than before is halved. elsewhere: evidence that another start led to; with as
+    much as that, this one leads there, too.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
@@ -89,6 +93,8 @@ def fit_set(
         if len(point) == len(actives):  # before that, departures of some are not there yet
             found = FittedSet(evidence, point, place)
         if last is not None and abs(evidence - last.evidence) < _SETTLED:
+            break
+        if found is not None and abs(evidence - elsewhere) < _SETTLED:
             break
         best = solutions[int(np.argmax(logs))].solution
         values = best.mean[: len(signed)] * columns.watts
@@ -111,7 +117,7 @@ def settle(
     """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
     point: Point = {}
     for _ in range(2):
-        meter.absent = {}
+        meter.absent = ()
         meter.learn_noise(meter.columns(all_, point), known)
         found = fit_set(meter, actives, known, point)
         point, meter.place = found.point, found.place

@@ -1,6 +1,7 @@
 """Linear Gaussian problems with the discrepancy marginalised: evidence, means and draws."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ _FAR = 6.0  # standard deviations
 class NormalEquations:
     """Normal equations at one size of the discrepancy, for S delays of the power.
 
-    n effects and z nuisances are left; the smooth features are marginalised.
+    n effects and z nuisances are left; the smooth features are marginalised. With a first axis
+    more, of K sizes.
     """
 
     spread: Floats  # prior spreads of what is marginalised: last columns, then features
@@ -25,11 +27,38 @@ class NormalEquations:
     moments: Floats  # [n + z, S]
     constants: Floats  # nats [S]
 
+    def at(self, size: int | NDArray[np.bool_]) -> 'NormalEquations':
+        """Return the problem at one of several sizes, or at some of them."""
+        return NormalEquations(
+            self.spread[size], self.gram[size], self.moments[size], self.constants[size]
+        )
+
     def taken(self, kept: NDArray[np.intp], place: int) -> 'NormalEquations':
         """Return the problem of some of the columns alone, at one delay."""
         own = slice(place, place + 1)
-        gram = self.gram[np.ix_(kept, kept)]
-        return NormalEquations(self.spread, gram, self.moments[kept, own], self.constants[own])
+        gram = self.gram[..., kept[:, None], kept]
+        moments, constants = self.moments[..., kept, own], self.constants[..., own]
+        return NormalEquations(self.spread, gram, moments, constants)
+
+    def without(self, count: int, sizes: Floats) -> 'NormalEquations':
+        """Marginalise the last columns, so many, of K problems at Q prior spreads: of K·Q."""
+        kept = self.gram.shape[-1] - count
+        inner = self.gram[:, None, kept:, kept:] + np.multiply.outer(sizes**-2.0, np.eye(count))
+        factor = np.linalg.cholesky(inner)  # [K, Q, count, count]
+        joined = np.concatenate([self.gram[:, kept:, :kept], self.moments[:, kept:]], axis=2)
+        solved = np.linalg.solve(factor, joined[:, None])
+        left, right = solved[..., :kept], solved[..., kept:]
+        nats = _log_diagonal(factor) + count * np.log(sizes)
+        gain = 0.5 * np.square(right).sum(axis=-2) - nats[..., None]
+        spread = np.broadcast_to(sizes[:, None], (*nats.shape, count))
+        last = np.broadcast_to(self.spread[:, None], (*nats.shape, self.spread.shape[1]))
+        found = (
+            np.concatenate([spread, last], axis=2),
+            self.gram[:, None, :kept, :kept] - left.mT @ left,
+            self.moments[:, None, :kept] - left.mT @ right,
+            self.constants[:, None] + gain,
+        )
+        return NormalEquations(*(part.reshape(nats.size, *part.shape[2:]) for part in found))
 
 
 @dataclass(frozen=True)
@@ -43,32 +72,47 @@ class Solution:
 
 @dataclass(frozen=True)
 class Turned:
-    """Weighted features of the discrepancy, turned so that their products are diagonal."""
+    """Weighted columns that stand beside all sets: of absent effects, then the discrepancy's.
 
-    features: Floats  # [N, a]
-    values: Floats  # [a], their squared lengths
+    The discrepancy's features are turned so that their products are diagonal.
+    """
+
+    kept: Floats  # [N, c + a]
+    gram: Floats  # [c, c + a], of the absent ones with all
+    values: Floats  # [a], squared lengths of the features
     turn: Floats  # [a, a], from weights of these to weights of the features as they were
     power: Floats  # weighted, at S delays [N, S]
-    moments: Floats  # [a, S]
+    moments: Floats  # [c + a, S]
 
     @classmethod
-    def of(cls, features: Floats, power: Floats) -> 'Turned':
-        """Turn weighted features [N, a] beside weighted power [N, S]."""
+    def of(cls, features: Floats, power: Floats, absent: Floats | None = None) -> 'Turned':
+        """Turn weighted features [N, a] beside weighted power [N, S] and absent effects [N, c]."""
         values, turn = np.linalg.eigh(features.T @ features)
-        turned = features @ turn
-        return cls(turned, np.maximum(values, 0.0), turn, power, turned.T @ power)
+        beside = np.empty((len(features), 0)) if absent is None else absent
+        kept = np.concatenate([beside, features @ turn], axis=1)
+        gram = beside.T @ kept
+        return cls(kept, gram, np.maximum(values, 0.0), turn, power, kept.T @ power)
 
-    def beside(self, columns: Floats, constant: Floats) -> 'Weighed':
-        """Weighted products with columns [N, m], where a part of the power [N] is known."""
+    def beside(
+        self, columns: Floats, constant: Floats, absent: NDArray[np.intp] | None = None
+    ) -> 'Weighed':
+        """Weighted products with columns [N, m], where a part of the power [N] is known.
+
+        absent: places of the absent effects that count as columns, behind the others.
+        """
+        places = np.empty(0, np.intp) if absent is None else absent
+        features = slice(len(self.gram), None)
         error = self.power - constant[:, None]
-        cross = self.features.T @ np.concatenate([columns, constant[:, None]], axis=1)
+        products = self.kept.T @ np.concatenate([columns, constant[:, None]], axis=1)
+        cross, moments = products[:, :-1], self.moments - products[:, -1:]
+        of_absent = self.gram[np.ix_(places, places)]
         return Weighed(
-            columns.T @ columns,
-            columns.T @ error,
+            np.block([[columns.T @ columns, cross[places].T], [cross[places], of_absent]]),
+            np.concatenate([columns.T @ error, moments[places]]),
             np.square(error).sum(axis=0),
             self.values,
-            cross[:, :-1],
-            self.moments - cross[:, -1:],
+            np.concatenate([cross[features], self.gram[places, features].T], axis=1),
+            moments[features],
         )
 
 
@@ -86,34 +130,18 @@ class Weighed:
     cross: Floats  # [a, m]
     turned: Floats  # [a, S]
 
-    def at_size(self, size: float) -> tuple['Weighed', float]:
-        """Marginalise the features at a prior spread, with the nats that this costs."""
-        scale = 1.0 / (self.values + size**-2.0)
-        heavy = self.cross.T * scale
-        left = Weighed(
+    def at_sizes(self, sizes: Floats) -> NormalEquations:
+        """Marginalise the features at each of K prior spreads."""
+        scale = 1.0 / (self.values + sizes[:, None] ** -2.0)  # [K, a]
+        heavy = self.cross.T * scale[:, None, :]
+        squares = self.squares - scale @ np.square(self.turned)
+        nats = 0.5 * np.log1p(self.values * sizes[:, None] ** 2).sum(axis=1)
+        return NormalEquations(
+            np.broadcast_to(sizes[:, None], scale.shape),
             self.gram - heavy @ self.cross,
             self.moments - heavy @ self.turned,
-            self.squares - scale @ np.square(self.turned),
-            self.values[:0],
-            self.cross[:0],
-            self.turned[:0],
+            -0.5 * squares - nats[:, None],
         )
-        return left, float(0.5 * np.log1p(self.values * size**2).sum())
-
-    def without(self, count: int, size: float) -> tuple['Weighed', float]:
-        """Marginalise the last columns, so many, of one prior spread, with the nats."""
-        kept = len(self.gram) - count
-        factor = np.linalg.cholesky(self.gram[kept:, kept:] + np.eye(count) / size**2)
-        joined = np.concatenate([self.gram[kept:, :kept], self.moments[kept:]], axis=1)
-        solved = solve_triangular(factor, joined, lower=True, check_finite=False)
-        left, right = solved[:, :kept], solved[:, kept:]
-        rest = replace(
-            self,
-            gram=self.gram[:kept, :kept] - left.T @ left,
-            moments=self.moments[:kept] - left.T @ right,
-            squares=self.squares - np.square(right).sum(axis=0),
-        )
-        return rest, float(np.log(np.diag(factor)).sum() + count * np.log(size))
 
     def smooth(self, normal: 'NormalEquations', mean: Floats, place: int) -> Floats:
         """Mean weights of the smooth features beside effects and nuisances [n + z].
@@ -129,31 +157,27 @@ class Weighed:
 
 def marginalised(
     weighed: Weighed, groups: tuple[int, int], sizes: tuple[Floats, Floats]
-) -> list[NormalEquations]:
+) -> NormalEquations:
     """Marginalise the features, and the last columns in two groups of so many.
 
     sizes: prior spreads of the features and of the first group, all of which are tried; the
     second group's is 1.
     """
     bent, absent = groups
-    out = []
-    for first in sizes[0]:
-        there, most = weighed.at_size(first)
-        there, nats = there.without(absent, 1.0)
-        for second in sizes[1]:
-            left, more = there.without(bent, second)
-            spread = np.repeat([second, 1.0, first], [bent, absent, len(weighed.values)])
-            constants = np.asarray(-0.5 * left.squares - nats - more - most)
-            out.append(NormalEquations(spread, left.gram, left.moments, constants))
-    return out
+    return weighed.at_sizes(sizes[0]).without(absent, np.ones(1)).without(bent, sizes[1])
 
 
 def by_delay(normal: NormalEquations, sizes: Floats) -> Floats:
-    """Log evidence at each delay [S], at prior spreads [n + z]."""
+    """Log evidence at each delay [S], or [K, S] of several sizes, at prior spreads [n + z]."""
     factor = np.linalg.cholesky(normal.gram + np.diag(sizes**-2.0))
-    half = np.log(np.diag(factor)).sum() + np.log(sizes).sum()
-    found = solve_triangular(factor, normal.moments, lower=True, check_finite=False)
-    return np.asarray(normal.constants + 0.5 * np.square(found).sum(axis=0) - half)
+    half = _log_diagonal(factor) + np.log(sizes).sum()
+    found = np.linalg.solve(factor, normal.moments)
+    return np.asarray(normal.constants + 0.5 * np.square(found).sum(axis=-2) - half[..., None])
+
+
+def _log_diagonal(factor: NDArray[Any]) -> Floats:
+    """Log of the determinant of triangular matrices [..., n, n]."""
+    return np.asarray(np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1))
 
 
 def solved(normal: NormalEquations, place: int, sizes: Floats, signed: Bools) -> Solution:

@@ -45,7 +45,7 @@ class Noise:
     variance: float  # W²
     rows: NDArray[np.intp]  # [K] that count
     root: Floats  # of their weights, 1/W [K, 1]
-    features: Turned  # the discrepancy's
+    kept: Turned  # absent effects and the discrepancy
 
 
 class MeterProblem:
@@ -60,7 +60,7 @@ class MeterProblem:
         self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
-        self.absent: dict[tuple[object, ...], Floats] = {}
+        self.absent: Sequence[object] = ()  # keys of effects, by column of what may be absent
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
         shown = self.power()[self.used]
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
@@ -145,7 +145,7 @@ class MeterProblem:
         nuisance = nuisance * np.where(of_point, metered, 1.0)
         bent, bent_causes = self._bent(powers, metered)
         keys = {active.key for active in actives}
-        absent = [own for key, own in self.absent.items() if key not in keys]
+        absent = [i for i, key in enumerate(self.absent) if key not in keys]
         scaled = self._sizes(actives, point, raw) / size
         return EffectColumns(
             tuple(actives),
@@ -153,7 +153,7 @@ class MeterProblem:
             scaled,
             nuisance,
             bent,
-            np.concatenate([np.empty((len(joined), 0)), *absent], axis=1),
+            np.array(absent, np.intp),
             power - linear,
             _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
             (*labels, *self.general.causes, *bent_causes),
@@ -238,11 +238,11 @@ class MeterProblem:
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
         """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""
         rows = np.flatnonzero(self.used)
-        parts = columns.effects, columns.nuisance, columns.bent, columns.absent, self._general_w
+        parts = columns.effects, columns.nuisance, columns.bent, self._general_w
         a = np.concatenate(parts, axis=1)[rows]
         y = (self.power() - columns.constant)[rows]
         count = columns.effects.shape[1]
-        spread = np.repeat([0.1, 1.0, 0.01, 0.01, 0.01], [own.shape[1] for own in parts])
+        spread = np.repeat([0.1, 1.0, 0.01, 0.01], [own.shape[1] for own in parts])
         rate = len(self.used) / max(float(np.ptp(self.prepared.time)), 1e-9)
         # Operating points are independent of one another.
         count_of = len(rows) if self.prepared.steady else round(len(rows) / (rate * BLOCK))
@@ -268,15 +268,14 @@ class MeterProblem:
         tempering = max(self._overlapping(), float(meat / max(bread, 1e-12)))
         root = np.sqrt(weights / (variance * tempering))[:, None]
         power = self.prepared.power[:, rows, 0].T.astype(np.float64)
-        features = Turned.of(self._general_w[rows] * root, power * root)
-        self.noise = Noise(variance, rows, root, features)
-        counts = Counter(active.name for active in columns.actives for _ in active.effect.terms)
-        self.absent = {
-            active.key: columns.effects[:, columns.places(active)]
-            * (SPIKE / np.sqrt(counts[active.name]))
-            for active in columns.actives
-            if active.name not in known
-        }
+        terms = [active for active in columns.actives for _ in active.effect.terms]
+        counts = Counter(active.name for active in terms)
+        new = np.flatnonzero([active.name not in known for active in terms])
+        spike = SPIKE / np.sqrt([counts[terms[i].name] for i in new])
+        absent = columns.effects[:, new][rows] * (spike * root)
+        kept = Turned.of(self._general_w[rows] * root, power * root, absent)
+        self.noise = Noise(variance, rows, root, kept)
+        self.absent = [terms[i].key for i in new]
 
     def _overlapping(self) -> float:
         """Rows whose windows overlap, of a slow meter; 1 of all others."""
@@ -293,14 +292,13 @@ class MeterProblem:
         """Weighted products of all columns with one another and with the power."""
         assert self.noise is not None
         rows, root = self.noise.rows, self.noise.root
-        parts = columns.effects, columns.nuisance, columns.bent, columns.absent
-        a = np.concatenate(parts, axis=1)[rows]
+        a = np.concatenate([columns.effects, columns.nuisance, columns.bent], axis=1)[rows]
         a *= root
-        return self.noise.features.beside(a, columns.constant[rows] * root[:, 0])
+        return self.noise.kept.beside(a, columns.constant[rows] * root[:, 0], columns.absent)
 
-    def normals(self, columns: EffectColumns) -> list[NormalEquations]:
-        """Normal equations at each size of the discrepancy, for all delays of the power."""
-        groups = columns.bent.shape[1], columns.absent.shape[1]
+    def normals(self, columns: EffectColumns) -> NormalEquations:
+        """Normal equations at K sizes of the discrepancy, for all delays of the power."""
+        groups = columns.bent.shape[1], len(columns.absent)
         return marginalised(self.weighed(columns), groups, (DISCREPANCY, DEPARTING))
 
     def smooth(
@@ -312,14 +310,14 @@ class MeterProblem:
         """
         assert self.noise is not None
         weights = self.weighed(columns).smooth(normal, mean, place)
-        bent, absent = columns.bent.shape[1], columns.absent.shape[1]
-        general = self.noise.features.turn @ weights[bent + absent :]
+        bent, absent = columns.bent.shape[1], len(columns.absent)
+        general = self.noise.kept.turn @ weights[bent + absent :]
         return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
 
 
 def _over_drives(watts: Sequence[Floats]) -> Floats:
     """What one meter sees of many [T, D] → [T, 1, n]."""
-    out = np.empty((len(watts[0]), 1, len(watts)))
+    out = np.empty((len(watts[0]), 1, len(watts)), order='F')
     for place, own in enumerate(watts):
         out[:, 0, place] = own[:, 0] if own.shape[1] == 1 else own.sum(axis=1)
     return out

@@ -75,7 +75,7 @@ class EffectSearch:
         self.shares_bus = 1 < count == len(self.meters)
         self.pooled = 1.0 / (1.0 + (len(self.meters) - 1) * ALIKE)
         self.made: list[EffectColumns] = []
-        self._normals: dict[int, list[NormalEquations]] = {}
+        self._normals: dict[int, NormalEquations] = {}
         self._show, self._fits = show, 0
 
     def run(self) -> Chosen:
@@ -189,12 +189,13 @@ class EffectSearch:
 
         That is a first new effect, and a set without an effect that the point has.
         """
-        starts = [self._start(m, actives)]
+        start = self._start(m, actives)
+        found = fit_set(self.meters[m], actives, self.known, start)
         first, fewer = len(self.base) + 1, len(self.points[m])
-        if starts[0] and (len(actives) == first or len(actives) < fewer):
-            starts.append({})
-        fitted = [fit_set(self.meters[m], actives, self.known, start) for start in starts]
-        return max(fitted, key=lambda one: one.evidence)
+        if not start or not (len(actives) == first or len(actives) < fewer):
+            return found
+        other = fit_set(self.meters[m], actives, self.known, {}, found.evidence)
+        return max(found, other, key=lambda one: one.evidence)
 
     def _start(self, m: int, actives: Sequence[Active]) -> Point:
         """Coefficients of a set as linearised about the current point of a meter."""
@@ -227,9 +228,9 @@ class EffectSearch:
         flat = [active.name in self.known for active in actives for _ in active.effect.terms]
         spread = np.ones(len(kept))
         spread[: len(own)] = np.where(flat, KNOWN_SIZE, LINEAR_SIZE)
-        taken = [normal.taken(kept, meter.place) for normal in self.normals_of(m)]
-        best = max(taken, key=lambda normal: float(by_delay(normal, spread)[0]))
-        return solved(best, 0, spread, signs(actives))
+        taken = self.normals_of(m).taken(kept, meter.place)
+        best = int(np.argmax(by_delay(taken, spread)[:, 0]))
+        return solved(taken.at(best), 0, spread, signs(actives))
 
     def _move(self, chosen: Chosen) -> None:
         """Go to a set's own point; learn the noise there."""
@@ -251,14 +252,14 @@ class EffectSearch:
 
         def linearised(m: int) -> EffectColumns:
             meter = self.meters[m]
-            meter.absent = {}
+            meter.absent = ()
             columns = meter.columns(self.actives, self.points[m])
             meter.learn_noise(columns, self.known)
             return columns
 
         self.made = for_each(linearised, range(len(self.meters)))
 
-    def normals_of(self, m: int) -> list[NormalEquations]:
+    def normals_of(self, m: int) -> NormalEquations:
         """Normal equations of all effects about the current point of a meter."""
         if m not in self._normals:
             self._normals[m] = self.meters[m].normals(self.made[m])
@@ -326,17 +327,17 @@ class EffectSearch:
             count = columns.effects.shape[1]
             nuisances = np.arange(count, count + columns.nuisance.shape[1])
 
-            def at(each: Chosen, normal: NormalEquations) -> float:
+            def at(each: Chosen, normals: NormalEquations) -> Floats:
                 own = np.concatenate([np.r_[slices[i]] for i in each] or [nuisances[:0]])
                 kept = np.concatenate([own, nuisances]).astype(np.intp)
                 spread = np.ones(len(kept))
                 spread[: len(own)] = LINEAR_SIZE
-                return float(by_delay(normal.taken(kept, meter.place), spread)[0])
+                return by_delay(normals.taken(kept, meter.place), spread)[:, 0]
 
             normals = self.normals_of(m)
-            first = [at(chosen, normal) for normal in normals]
-            likely = [n for n, e in zip(normals, first, strict=True) if e > max(first) - _LIKELY]
-            return np.array([max(at(each, normal) for normal in likely) for each in every])
+            first = at(chosen, normals)
+            likely = normals.at(first > first.max() - _LIKELY)
+            return np.array([at(each, likely).max() for each in every])
 
         totals = np.sum(for_each(evidences, range(len(self.meters))), axis=0)
         return {

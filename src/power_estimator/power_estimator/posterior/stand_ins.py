@@ -15,6 +15,10 @@ from power_estimator.posterior.sensors import SCALES
 from power_estimator.posterior.summary import MeterSummary, rms
 
 _STAND_INS = 3  # effects that are fitted in the place of one, the most probable as linearised
+_SCREENING = (
+    0.5  # of a difference of sets as linearised, that there is at least once they are fitted
+)
+_SURE = 6.0  # log odds over another, 400 to 1, from which it is not fitted
 _HARDLY_EVER = 3.0  # prior spreads
 _MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
 
@@ -85,6 +89,7 @@ def judged_set(
     """
     left = np.array([max(one.discrepancy_w, 1e-12) for one in summaries])
     here, out = search.score(chosen), []
+    screened = search.screened([chosen], chosen)[chosen]
     for place in chosen:
         if place in search.base:
             continue
@@ -95,21 +100,17 @@ def judged_set(
         none = LogOdds(before, here - search.score(fewer), ratio_of(own, left))
         best = search.best_new(search.swaps(chosen, place), fewer, chosen)
         stand_ins = []
-        for _, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
+        for score, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
             other = search.prior_odds(search.names[new])
-            apart_w = _apart_w(search, chosen, place, new, left)
-            stand_ins.append(
-                StandIn(
-                    new,
-                    each,
-                    LogOdds(before - other, here - search.score(each), ratio_of(apart_w, left)),
-                    LogOdds(
-                        other,
-                        search.score(each) - search.score(fewer),
-                        ratio_of(_explained_w(search, each, new), left),
-                    ),
-                )
-            )
+            apart = ratio_of(_apart_w(search, chosen, place, new, left), left)
+            linear = _SCREENING * (screened - score)
+            if LogOdds(before - other, linear, apart).over_other >= _SURE:
+                continue
+            fitted = search.score(each)
+            against = LogOdds(before - other, here - fitted, apart)
+            ratio = ratio_of(_explained_w(search, each, new), left)
+            alone = LogOdds(other, fitted - search.score(fewer), ratio)
+            stand_ins.append(StandIn(new, each, against, alone))
         out.append(InSet(place, none, tuple(stand_ins)))
     return out
 

@@ -149,8 +149,8 @@ class DesignBuilder:
             None if self._lasts(a, point) else self._seen(self._derivatives(a, point))
             for a in actives
         ]
-        given = [part for part in parts if part is not None]
-        joined = self.prepared.reduced(np.concatenate([*given, more], axis=2))
+        given = [*(part for part in parts if part is not None), more]
+        joined = self.prepared.reduced(_side_by_side(given))
         found, start = [], 0
         for active, part in zip(actives, parts, strict=True):
             if part is None:
@@ -214,6 +214,15 @@ class DesignBuilder:
         if signals.motor_velocity is not signals.velocity:
             return reduced()
         return self._reduced.get(active.key, reduced, _bytes)
+
+
+def _side_by_side(parts: Sequence[Floats]) -> Floats:
+    """Columns [T, D, n] of several, each of which lies in one piece, as the reducer has them."""
+    stops = np.cumsum([part.shape[2] for part in parts])
+    out = np.empty((*parts[0].shape[:2], int(stops[-1])), order='F')
+    for part, stop in zip(parts, stops, strict=True):
+        out[..., stop - part.shape[2] : stop] = part
+    return out
 
 
 def _bytes(values: Floats) -> int:
