@@ -28,7 +28,7 @@ PROGRAM = 'from power_workbench.commands.arguments import open; raise SystemExit
 
 def scenes(page: Any) -> Iterator[tuple[str, str]]:
     """Walk the loop; yield a sentence and the element that is to be seen with it."""
-    page.locator('#plot-flow .main-svg').first.wait_for()
+    page.locator('#plot-efficiency .main-svg').first.wait_for()
     yield 'A recording, opened: where its power goes', '#summary'
     for effect in KNOWN:
         page.locator('label.choice', has_text=effect).first.click()

@@ -31,7 +31,7 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
     kinds: dict[str, float] = defaultdict(float)
     for one in shares:
         kinds[family_of(one.effect)] += one.mean_w
-    rest = kinds.pop(UNEXPLAINED)
+    del kinds[UNEXPLAINED]
     largest = sorted(kinds, key=lambda kind: -kinds[kind])
     named = [kind for kind in largest if kinds[kind] > 0.0][:3]
     if watts <= 0.0:  # what a brake gives back has no shares
@@ -39,7 +39,7 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
     parts = ', '.join(f'{FAMILIES[kind][0]} {_percent(kinds[kind] / watts)}' for kind in named)
     which = 'the robot' if account.first == WHOLE else account.first
     said = f'{which} draws {watts:.1f} W'
-    said += f': {parts}; {_percent(rest / watts)} is unexplained' if named else ''
+    said += f': {parts}; {_unexplained(shares, watts)} is unexplained' if named else ''
     sure = [one for one in levers if one.interval[1] < 0.0 and ',' not in one.change]
     if not sure:
         return said
@@ -52,6 +52,14 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
     by = 100.0 * (float(factor) - 1.0)
     change = f'{abs(by):.3g} % {"less" if by < 0.0 else "more"}'
     return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.1f} W'
+
+
+def _unexplained(shares: Sequence[Share], watts: float) -> str:
+    """Per cent of the power that is unexplained, with its interval where there is one."""
+    (rest,) = (one for one in shares if one.effect == UNEXPLAINED)
+    low, high = (round(100.0 * end / watts) for end in rest.interval)
+    between = f' ({low} … {high} %)' if low < high else ''
+    return f'{_percent(rest.mean_w / watts)}{between}'
 
 
 def tables(
@@ -89,11 +97,11 @@ def _of_account(account: Account) -> list[Table]:
     first = account.first
     made = [_parts(account, first)]
     members = [name for name in account.tallies if name != first]
-    kinds = [name for name in members if account.tallies[name].drives > 1] or members
+    types = [name for name in members if account.tallies[name].drives > 1]
     phases = [p for p in account.phases if account.shares(first, p)]
     of_phase, title = partial(account.shares, first), f'mean power of {first} in W by phase'
-    by_drive = 'mean power in W by drive'
-    made += [_side_by_side(by_drive, some, account.shares) for some in _abreast(kinds)]
+    by_drive = f'mean power in W by {"type, of all its drives" if types else "drive"}'
+    made += [_side_by_side(by_drive, some, account.shares) for some in _abreast(types or members)]
     made += [_side_by_side(title, some, of_phase) for some in _abreast(phases)]
     return made
 

@@ -74,5 +74,6 @@ def refuse_slow(recording: Recording, drives: Collection[str] = ()) -> None:
     if rate < LEAST_UPDATES:
         raise InputError(
             f'{recording.path}: the power of {meter} changes {rate:.3g} times a second; the lab '
-            f'needs {LEAST_UPDATES:.0f}. With --slow-meter it judges the energy over windows only'
+            f'needs {LEAST_UPDATES:.0f}. With --slow-meter its commands judge the energy over '
+            'windows only'
         )
