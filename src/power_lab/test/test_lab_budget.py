@@ -1,6 +1,7 @@
 """Energy budgets: parts that add up, intervals, levers, commands."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -108,6 +109,7 @@ def test_a_headline_names_kinds_of_parts_and_the_surest_lever(found):
     assert 'copper and cables' in said
     unsure = [Lever('gear_ratio=1.1', -9.0, (-20.0, 1.0))]
     assert headline(found.account, unsure) == headline(found.account)
+    assert re.search(r'% \(-?\d+ … -?\d+ %\) is unexplained', said)
 
 
 def test_phases_divide_the_time_of_a_drive():

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import isfinite
 from typing import Any
 
 from power_estimator.effects.signals.prepared import WHOLE
@@ -57,8 +58,8 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
 def _unexplained(shares: Sequence[Share], watts: float) -> str:
     """Per cent of the power that is unexplained, with its interval where there is one."""
     (rest,) = (one for one in shares if one.effect == UNEXPLAINED)
-    low, high = (round(100.0 * end / watts) for end in rest.interval)
-    between = f' ({low} … {high} %)' if low < high else ''
+    low, high = (100.0 * end / watts for end in rest.interval)
+    between = f' ({low:.0f} … {high:.0f} %)' if isfinite(high - low) else ''
     return f'{_percent(rest.mean_w / watts)}{between}'
 
 
