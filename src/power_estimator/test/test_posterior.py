@@ -9,7 +9,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.gaussian import (
     NormalEquations,
-    Turned,
+    Standing,
     by_delay,
     draws,
     marginalised,
@@ -42,7 +42,7 @@ def of_columns(columns, targets, smooth=None, spread=(1.0, 1.0)):
 def weighed(columns, targets, smooth):
     """Products of columns [N, n], and of all features [N, 3] but the first, beside that."""
     beside = np.concatenate([columns, smooth[:, 1:]], axis=1)
-    return Turned.of(smooth[:, :1], targets).beside(beside, np.zeros(len(targets)))
+    return Standing.of(smooth[:, :1], targets).beside(beside, np.zeros(len(targets)))
 
 
 def log_density(target, covariance):
@@ -85,7 +85,7 @@ def test_a_smooth_part_that_is_marginalised_is_one_that_is_solved_jointly():
     assert found.covariance == pytest.approx(together.covariance[:2, :2])
     assert found.evidence == pytest.approx(together.evidence)
     *others, turned = weighed(columns, target, smooth).smooth(apart, found.mean, 0)
-    feature = turned * Turned.of(smooth[:, :1], target).turn[0, 0]
+    feature = turned * Standing.of(smooth[:, :1], target).turn[0, 0]
     assert [feature, *others] == pytest.approx(together.mean[2:])
 
 
@@ -94,8 +94,8 @@ def test_what_is_known_of_the_power_is_taken_out_of_it():
     columns, features = random.normal(size=(20, 2)), random.normal(size=(20, 3))
     constant = 1e6 * random.normal(size=20)  # close to the power: squares would cancel
     power = constant[:, None] + random.normal(size=(20, 4))
-    found = Turned.of(features, power).beside(columns, constant)
-    alone = Turned.of(features, power - constant[:, None]).beside(columns, np.zeros(20))
+    found = Standing.of(features, power).beside(columns, constant)
+    alone = Standing.of(features, power - constant[:, None]).beside(columns, np.zeros(20))
     assert found.moments == pytest.approx(alone.moments)
     assert found.turned == pytest.approx(alone.turned, abs=1e-7)
     assert found.squares == pytest.approx(alone.squares)

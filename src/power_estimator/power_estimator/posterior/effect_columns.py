@@ -19,7 +19,7 @@ class EffectColumns:
     watts: Floats  # [n], coefficient in SI for one unit of effects
     nuisance: Floats  # [N, z], prior spread 1: sensors and departures
     bent: Floats  # [N, b], prior spreads of DEPARTING: smooth departures
-    absent: NDArray[np.intp]  # places among the meter's absent effects
+    absent_places: NDArray[np.intp]  # places among the meter's absent effects
     constant: Floats  # W [N]
     friction: Floats  # [n + z], weights of the friction at 1 rad/s
     causes: tuple[str, ...]  # of departures, of the discrepancy's features and of bent columns

@@ -76,8 +76,8 @@ def fit_set(
 
     What counts is the last step: a point that is not its own solution may have more evidence,
     since large coefficients may depart further from their formulas. A step after which there is
-    less evidence than before is halved. elsewhere: evidence that another start led to; with as
-    much as that, this one leads there, too.
+    less evidence than before is halved. elsewhere: evidence that another start led to; with
+    nearly as much as that, this one is taken to lead there, too.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
@@ -94,7 +94,7 @@ def fit_set(
             found = FittedSet(evidence, point, place)
         if last is not None and abs(evidence - last.evidence) < _SETTLED:
             break
-        if found is not None and abs(evidence - elsewhere) < _SETTLED:
+        if found is not None and 0.0 <= elsewhere - evidence < _SETTLED:
             break
         best = solutions[int(np.argmax(logs))].solution
         values = best.mean[: len(signed)] * columns.watts
@@ -117,7 +117,6 @@ def settle(
     """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
     point: Point = {}
     for _ in range(2):
-        meter.absent = ()
         meter.learn_noise(meter.columns(all_, point), known)
         found = fit_set(meter, actives, known, point)
         point, meter.place = found.point, found.place

@@ -71,13 +71,13 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Turned:
+class Standing:
     """Weighted columns that stand beside all sets: of absent effects, then the discrepancy's.
 
     The discrepancy's features are turned so that their products are diagonal.
     """
 
-    kept: Floats  # [N, c + a]
+    columns: Floats  # [N, c + a]
     gram: Floats  # [c, c + a], of the absent ones with all
     values: Floats  # [a], squared lengths of the features
     turn: Floats  # [a, a], from weights of these to weights of the features as they were
@@ -85,13 +85,13 @@ class Turned:
     moments: Floats  # [c + a, S]
 
     @classmethod
-    def of(cls, features: Floats, power: Floats, absent: Floats | None = None) -> 'Turned':
+    def of(cls, features: Floats, power: Floats, absent: Floats | None = None) -> 'Standing':
         """Turn weighted features [N, a] beside weighted power [N, S] and absent effects [N, c]."""
         values, turn = np.linalg.eigh(features.T @ features)
-        beside = np.empty((len(features), 0)) if absent is None else absent
-        kept = np.concatenate([beside, features @ turn], axis=1)
-        gram = beside.T @ kept
-        return cls(kept, gram, np.maximum(values, 0.0), turn, power, kept.T @ power)
+        first = np.empty((len(features), 0)) if absent is None else absent
+        columns = np.concatenate([first, features @ turn], axis=1)
+        gram = first.T @ columns
+        return cls(columns, gram, np.maximum(values, 0.0), turn, power, columns.T @ power)
 
     def beside(
         self, columns: Floats, constant: Floats, absent: NDArray[np.intp] | None = None
@@ -103,7 +103,7 @@ class Turned:
         places = np.empty(0, np.intp) if absent is None else absent
         features = slice(len(self.gram), None)
         error = self.power - constant[:, None]
-        products = self.kept.T @ np.concatenate([columns, constant[:, None]], axis=1)
+        products = self.columns.T @ np.concatenate([columns, constant[:, None]], axis=1)
         cross, moments = products[:, :-1], self.moments - products[:, -1:]
         of_absent = self.gram[np.ix_(places, places)]
         return Weighed(

@@ -18,7 +18,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.state import OtherDrives
 from power_estimator.posterior.discrepancy import Features, fourier, smooth_features
 from power_estimator.posterior.effect_columns import EffectColumns
-from power_estimator.posterior.gaussian import NormalEquations, Turned, Weighed, marginalised
+from power_estimator.posterior.gaussian import NormalEquations, Standing, Weighed, marginalised
 from power_estimator.posterior.priors import (
     BAD_CABLE,
     BLOCK,
@@ -45,7 +45,7 @@ class Noise:
     variance: float  # W²
     rows: NDArray[np.intp]  # [K] that count
     root: Floats  # of their weights, 1/W [K, 1]
-    kept: Turned  # absent effects and the discrepancy
+    standing: Standing  # absent effects and the discrepancy
 
 
 class MeterProblem:
@@ -273,8 +273,8 @@ class MeterProblem:
         new = np.flatnonzero([active.name not in known for active in terms])
         spike = SPIKE / np.sqrt([counts[terms[i].name] for i in new])
         absent = columns.effects[:, new][rows] * (spike * root)
-        kept = Turned.of(self._general_w[rows] * root, power * root, absent)
-        self.noise = Noise(variance, rows, root, kept)
+        standing = Standing.of(self._general_w[rows] * root, power * root, absent)
+        self.noise = Noise(variance, rows, root, standing)
         self.absent = [terms[i].key for i in new]
 
     def _overlapping(self) -> float:
@@ -294,11 +294,13 @@ class MeterProblem:
         rows, root = self.noise.rows, self.noise.root
         a = np.concatenate([columns.effects, columns.nuisance, columns.bent], axis=1)[rows]
         a *= root
-        return self.noise.kept.beside(a, columns.constant[rows] * root[:, 0], columns.absent)
+        return self.noise.standing.beside(
+            a, columns.constant[rows] * root[:, 0], columns.absent_places
+        )
 
     def normals(self, columns: EffectColumns) -> NormalEquations:
         """Normal equations at K sizes of the discrepancy, for all delays of the power."""
-        groups = columns.bent.shape[1], len(columns.absent)
+        groups = columns.bent.shape[1], len(columns.absent_places)
         return marginalised(self.weighed(columns), groups, (DISCREPANCY, DEPARTING))
 
     def smooth(
@@ -310,8 +312,8 @@ class MeterProblem:
         """
         assert self.noise is not None
         weights = self.weighed(columns).smooth(normal, mean, place)
-        bent, absent = columns.bent.shape[1], len(columns.absent)
-        general = self.noise.kept.turn @ weights[bent + absent :]
+        bent, absent = columns.bent.shape[1], len(columns.absent_places)
+        general = self.noise.standing.turn @ weights[bent + absent :]
         return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
 
 

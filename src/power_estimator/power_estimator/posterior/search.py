@@ -252,7 +252,6 @@ class EffectSearch:
 
         def linearised(m: int) -> EffectColumns:
             meter = self.meters[m]
-            meter.absent = ()
             columns = meter.columns(self.actives, self.points[m])
             meter.learn_noise(columns, self.known)
             return columns

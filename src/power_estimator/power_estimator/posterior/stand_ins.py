@@ -15,9 +15,7 @@ from power_estimator.posterior.sensors import SCALES
 from power_estimator.posterior.summary import MeterSummary, rms
 
 _STAND_INS = 3  # effects that are fitted in the place of one, the most probable as linearised
-_SCREENING = (
-    0.5  # of a difference of sets as linearised, that there is at least once they are fitted
-)
+_SCREENING = 0.5  # of evidence as linearised that, as a rule, is left once both sets are fitted
 _SURE = 6.0  # log odds over another, 400 to 1, from which it is not fitted
 _HARDLY_EVER = 3.0  # prior spreads
 _MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
@@ -102,12 +100,13 @@ def judged_set(
         stand_ins = []
         for score, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
             other = search.prior_odds(search.names[new])
+            known = before - other
             apart = ratio_of(_apart_w(search, chosen, place, new, left), left)
-            linear = _SCREENING * (screened - score)
-            if LogOdds(before - other, linear, apart).over_other >= _SURE:
+            linear = known + _SCREENING * (screened - score - known)
+            if LogOdds(known, linear, apart).over_other >= _SURE:
                 continue
             fitted = search.score(each)
-            against = LogOdds(before - other, here - fitted, apart)
+            against = LogOdds(known, here - fitted, apart)
             ratio = ratio_of(_explained_w(search, each, new), left)
             alone = LogOdds(other, fitted - search.score(fewer), ratio)
             stand_ins.append(StandIn(new, each, against, alone))

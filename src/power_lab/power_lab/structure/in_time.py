@@ -13,6 +13,7 @@ from power_lab.structure.problem import DriveProblem
 _SHORTEST = 3.0  # s, of a cycle: shorter ones are steps of the gait
 _HARMONICS = 6
 _KNOT = 25.0  # s, between knots of a drift
+_FAST = 8.0  # s, between knots of a drift that is over within part of a minute
 _SWITCH_KNOTS = 3  # of the drift beside something that is switched on once
 _FINE = 12  # periods tried within the width of a line
 _LINES = 4
@@ -20,11 +21,11 @@ _LINES = 4
 
 @dataclass(frozen=True)
 class Course:
-    """A shape in time: a cycle, or a drift by recording with or without a step."""
+    """A shape in time: a cycle, a drift by recording, or a drift of one recording with a step."""
 
     period: float = 0.0  # s, of a cycle
     knots: int = 0  # of a drift
-    step: tuple[int, float] | None = None  # recording, and s from its start
+    step: tuple[float, float] | None = None  # by the clock, s: the recording's start, and the step
 
     @property
     def width(self) -> int:
@@ -37,7 +38,7 @@ class Course:
         if self.period:
             return f'a cycle of {self.period:.3g} s'
         if self.step is not None:
-            return f'a step after {self.step[1]:.1f} s'
+            return f'a step after {self.step[1] - self.step[0]:.0f} s'
         return 'a drift over the recording'
 
     def columns(self, time: Floats, recording: NDArray[np.int32]) -> Floats:
@@ -49,12 +50,12 @@ class Course:
         out = np.zeros((len(time), self.width))
         for one in np.unique(recording):
             rows = recording == one
-            seconds = time[rows] - time[rows][0]
-            place = seconds / max(seconds[-1], 1e-9) * (self.knots - 1)
+            place = time[rows] - time[rows][0]
+            place = place / max(place[-1], 1e-9) * (self.knots - 1)
             away = np.abs(place[:, None] - np.arange(self.knots))
             out[rows, : self.knots] = np.maximum(0.0, 1.0 - away)
-            if self.step is not None and one == self.step[0]:
-                out[rows, -1] = seconds > self.step[1]
+        if self.step is not None:
+            out[:, -1] = time >= self.step[1]
         return out
 
 
@@ -116,11 +117,11 @@ def _courses(
     seconds = float(time[-1] - time[0])
     yield Course(knots=int(np.clip(seconds / _KNOT, 3, 24)))
     yield Course(knots=3)
+    yield Course(knots=int(np.clip(seconds / _FAST, 3, 3 * 24)))
     rows, means = _halves(problem)
-    if len(means) > 2 * _SWITCH_KNOTS:
-        at = rows[_step(means)]
-        start = time[recording == recording[at]][0]
-        step = (int(recording[at]), float(time[at] - start))
+    # Of several recordings, one that is held out would hold all that tells of a step.
+    if recording[0] == recording[-1] and len(means) > 2 * _SWITCH_KNOTS:
+        step = float(time[0]), float(time[rows[_step(means)]])
         yield Course(knots=_SWITCH_KNOTS, step=step)
     for period in _periods(time[rows], means):
         yield Course(period=period)

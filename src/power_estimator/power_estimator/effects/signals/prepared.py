@@ -275,7 +275,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
             f'no stretch of {data.time.size / data.rate:.1f} s of data is longer than 1 s without '
             'a gap'
         )
-    meters = np.ascontiguousarray(data.supply[:, None] if whole else data.power)
+    meters = _columns(data.supply[:, None] if whole else data.power)
     power = np.stack([reducer.reduce(meters, shift) for shift in shifts.tolist()])
     centres = reducer.centres()
     return Prepared(
@@ -373,7 +373,7 @@ def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
     return replace(data, voltage=np.where(np.isfinite(voltage), voltage, middle))
 
 
-def _meter_noise(data: AlignedDataset, meters: Singles, reducer: Reducer) -> Floats:
+def _meter_noise(data: AlignedDataset, meters: Floats, reducer: Reducer) -> Floats:
     """White noise of the power [T, M] after reduction, W [M], from its quietest half seconds."""
     length = max(16, round(data.rate / 2))
     share = float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))
@@ -381,8 +381,7 @@ def _meter_noise(data: AlignedDataset, meters: Singles, reducer: Reducer) -> Flo
     for meter in range(meters.shape[1]):
         spreads = []
         for part in data.segments():
-            rows = np.asarray(meters[part, meter], dtype=np.float64)
-            kinks = np.diff(rows, n=2) / np.sqrt(6.0)
+            kinks = np.diff(meters[part, meter], n=2) / np.sqrt(6.0)
             whole = kinks[: len(kinks) // length * length].reshape(-1, length)
             spreads.append(whole[np.isfinite(whole).all(axis=1)].std(axis=1))
         joined = np.concatenate(spreads) if spreads else np.empty(0)

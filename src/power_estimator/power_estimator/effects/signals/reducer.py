@@ -60,7 +60,7 @@ class Reducer:
             reduced = _known(together, taps, self.factor, count)
             for part, place in zip(np.split(reduced, len(places)), places, strict=True):
                 out[:, stretches[place]] = part
-        return out.T.reshape(-1, *values.shape[1:])
+        return out.T.reshape(out.shape[1], *values.shape[1:])
 
     @cached_property
     def _alike(self) -> list[list[int]]:
@@ -105,7 +105,8 @@ def _filter(half: int, rate: float, window: float, shift: float) -> Floats:
 
 def _by_time(values: Floats | Singles) -> Floats:
     """Values [T, ...] as rows [k, T] of one signal each; no copy where they lie so."""
-    return np.ascontiguousarray(values.reshape(len(values), -1).T, dtype=np.float64)
+    rows = np.ascontiguousarray(np.moveaxis(values, 0, -1), dtype=np.float64)
+    return rows.reshape(int(np.prod(values.shape[1:])), len(values))
 
 
 def _known(rows: Floats, taps: Floats, factor: int, count: int) -> Floats:
@@ -140,7 +141,7 @@ def _decimated(rows: Floats, taps: Floats, factor: int, count: int) -> Floats:
     )
     out = np.empty((len(rows), count))
     made = np.matmul(windows, filters)  # [whole, k, together]
-    out[:, : whole * together] = made.transpose(1, 0, 2).reshape(len(rows), -1)
+    out[:, : whole * together] = made.transpose(1, 0, 2).reshape(len(rows), whole * together)
     left = count - whole * together
     if left:
         needed = (left - 1) * factor + len(weights)
