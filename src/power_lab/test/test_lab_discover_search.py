@@ -11,6 +11,7 @@ from power_estimator.effects.training import material
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.found import Found
 from power_lab.discover.superseded import without_superseded
+from power_lab.structure.in_time import Course
 from power_recordings.alignment.dataset import AlignedDataset
 
 CATALOGUE = builtin_catalogue()
@@ -47,6 +48,14 @@ def test_a_rub_is_found_in_a_motion_that_repeats_itself_each_second():
     found = discovered(AlignedDataset.blank(400.0, ['BENCH'], time, 'bench', **columns))
     assert found.chance <= 0.05
     assert found.found[0].kind == 'position'
+
+
+def test_a_step_in_time_begins_with_its_own_sample():
+    course = Course(knots=3, step=(10.0, 12.0))
+    columns = course.columns(np.array([10.0, 11.0, 12.0, 14.0]), np.zeros(4, np.int32))
+    assert columns[:, -1].tolist() == [0.0, 0.0, 1.0, 1.0]
+    assert columns[:, :3].tolist() == [[1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0, 1]]
+    assert course.words == 'a step after 2 s'
 
 
 class Explained:
