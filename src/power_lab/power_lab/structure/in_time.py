@@ -34,7 +34,7 @@ class Course:
 
     @property
     def words(self) -> str:
-        """What the course is, to be read after "in time alone:"."""
+        """Name of the course, to be read after "in time alone:"."""
         if self.period:
             return f'a cycle of {self.period:.3g} s'
         if self.step is not None:
