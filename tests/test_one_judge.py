@@ -54,8 +54,12 @@ def written(command, folder, *arguments):
     return json.loads(file.read_text())
 
 
+def by_drive(content):
+    return {name: scores['rmse_w'] for name, scores in content['drives'].items()}
+
+
 def over_drives(content):
-    return over_meters(scores['rmse_w'] for scores in content['drives'].values())
+    return over_meters(by_drive(content).values())
 
 
 def ignored(*_):
@@ -82,20 +86,18 @@ def test_every_command_the_page_and_python_state_the_same_error(
     report, told = tmp_path / 'why.html', []
     worker.budget(told.append, source, models[1])
     assert [bool(one['content'].get('first')) for one in told] == [True, False]
+    (compared,) = written(compare_command, tmp_path, recording, '--models', models[1])['models']
+    diagnosed = written(
+        diagnose_command, tmp_path, recording, '--model', models[1], '--report', report
+    )
     stated = {
         'history of add': over_meters(add['rmse_w'].values()),
         'staircase': stairs[1],
-        'compare': over_drives(
-            written(compare_command, tmp_path, recording, '--models', models[1])['models'][0]
-        ),
+        'compare': over_drives(compared),
         'benchmark': over_drives(
             written(benchmark_command, tmp_path, recording, '--models', models[1])['models'][0]
         ),
-        'diagnose': over_drives(
-            written(
-                diagnose_command, tmp_path, recording, '--model', models[1], '--report', report
-            )
-        ),
+        'diagnose': over_drives(diagnosed),
         'budget': written(budget_command, tmp_path, recording, '--model', models[1])[
             'held_out_rmse_w'
         ],
@@ -106,8 +108,10 @@ def test_every_command_the_page_and_python_state_the_same_error(
         'page, budget': told[-1]['content']['held_out_rmse_w'],
     }
     assert stated == pytest.approx(dict.fromkeys(stated, stated['Session']), abs=1e-6)
-    assert f'{stated["Session"]:.2f}' in report.read_text()
+    assert by_drive(diagnosed) == pytest.approx(by_drive(compared), abs=1e-6)
     before = over_meters(fit['rmse_w'].values())
+    for error in (before, stated['Session']):
+        assert f'{error:.2f}' in report.read_text()
     assert over_meters(add['rmse_before_w'].values()) == pytest.approx(before, abs=1e-6)
     assert stairs[0] == pytest.approx(before, abs=1e-6)
     assert before > stated['Session']

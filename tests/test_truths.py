@@ -45,11 +45,11 @@ def test_parts_of_the_power_sum_to_what_the_meter_truly_gets(family):
 @pytest.mark.parametrize('motion', MOTIONS)
 def test_every_motion_stays_within_the_limits_of_every_scale(motion):
     for family in ('elastic', 'gimbal', 'harmonic', 'wheel'):
-        found = record(Case(family, motion, 10.0, 3, seed=1))
+        found = record(Case(family, motion, 10.0, 12, seed=1))
         limit = np.array([[drive.torque_limit, drive.speed_limit] for drive in found.plant.drives])
         assert np.abs(found.data.torque).max() < 1.6 * limit[0, 0]
         assert np.abs(found.data.velocity).max() < 2.0 * limit[0, 1]
-        assert len(found.data.names) == 3
+        assert len(found.data.names) == 12
 
 
 def test_locked_winding_turns_current_into_heat():

@@ -45,7 +45,8 @@ class Noise:
     variance: float  # W²
     rows: NDArray[np.intp]  # [K] that count
     root: Floats  # of their weights, 1/W [K, 1]
-    standing: Standing  # absent effects and the discrepancy
+    absent: Sequence[object]  # keys of effects, by column of what may be absent
+    standing: Standing  # these columns, and the discrepancy
 
 
 class MeterProblem:
@@ -60,7 +61,6 @@ class MeterProblem:
         self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
-        self.absent: Sequence[object] = ()  # keys of effects, by column of what may be absent
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
         shown = self.power()[self.used]
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
@@ -131,7 +131,7 @@ class MeterProblem:
         departures, labels, at_one = self._departures(powers)
         more = [at.power, *self.errors.watts(at.power, slope), *departures]
         every = tuple({active.key: active for active in (*actives, *chosen)}.values())
-        found, beside = self.builder.columns_and(every, at, _over_drives(more))
+        found, beside = self.builder.columns_and(every, at, more)
         of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
         raw = [of[active.key] for active in actives]
         joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
@@ -145,7 +145,8 @@ class MeterProblem:
         nuisance = nuisance * np.where(of_point, metered, 1.0)
         bent, bent_causes = self._bent(powers, metered)
         keys = {active.key for active in actives}
-        absent = [i for i, key in enumerate(self.absent) if key not in keys]
+        may_be_absent = self.noise.absent if self.noise else ()
+        absent = [i for i, key in enumerate(may_be_absent) if key not in keys]
         scaled = self._sizes(actives, point, raw) / size
         return EffectColumns(
             tuple(actives),
@@ -274,8 +275,7 @@ class MeterProblem:
         spike = SPIKE / np.sqrt([counts[terms[i].name] for i in new])
         absent = columns.effects[:, new][rows] * (spike * root)
         standing = Standing.of(self._general_w[rows] * root, power * root, absent)
-        self.noise = Noise(variance, rows, root, standing)
-        self.absent = [terms[i].key for i in new]
+        self.noise = Noise(variance, rows, root, [terms[i].key for i in new], standing)
 
     def _overlapping(self) -> float:
         """Rows whose windows overlap, of a slow meter; 1 of all others."""
@@ -315,14 +315,6 @@ class MeterProblem:
         bent, absent = columns.bent.shape[1], len(columns.absent_places)
         general = self.noise.standing.turn @ weights[bent + absent :]
         return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
-
-
-def _over_drives(watts: Sequence[Floats]) -> Floats:
-    """What one meter sees of many [T, D] → [T, 1, n]."""
-    out = np.empty((len(watts[0]), 1, len(watts)), order='F')
-    for place, own in enumerate(watts):
-        out[:, 0, place] = own[:, 0] if own.shape[1] == 1 else own.sum(axis=1)
-    return out
 
 
 def _friction_at_one(

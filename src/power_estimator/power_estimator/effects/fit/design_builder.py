@@ -142,15 +142,16 @@ class DesignBuilder:
         return self.prepared.reduced(self._seen(self._derivatives(active, point)))
 
     def columns_and(
-        self, actives: Sequence[Active], point: Linearisation, more: Floats
+        self, actives: Sequence[Active], point: Linearisation, more: Sequence[Floats]
     ) -> tuple[list[Floats], Floats]:
-        """Reduced columns of effects, and others [T, D, k] beside them, at one go."""
+        """Reduced columns of effects, and those of other power [T, D] beside them, at one go."""
         parts = [
             None if self._lasts(a, point) else self._seen(self._derivatives(a, point))
             for a in actives
         ]
-        given = [*(part for part in parts if part is not None), more]
-        joined = self.prepared.reduced(_side_by_side(given))
+        given = [part for part in parts if part is not None]
+        beside = [self._seen(power[..., None]) for power in more]
+        joined = self.prepared.reduced(_side_by_side([*given, *beside]))
         found, start = [], 0
         for active, part in zip(actives, parts, strict=True):
             if part is None:
