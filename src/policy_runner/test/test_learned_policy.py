@@ -8,7 +8,7 @@ import yaml
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
-from policy_runner.policies.observations import CLOCKED, STANDARD
+from policy_runner.policies.observations import STANDARD
 from policy_runner.policies.torchscript import write_torchscript
 from policy_runner.supervisor.supervisor import Handover
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
@@ -143,8 +143,9 @@ def test_a_command_is_shown_no_faster_than_the_policy_is_used_to(inputs):
 
 def test_a_policy_hands_over_when_it_has_been_told_to_stand_for_a_while(inputs):
     network = Recorder()
+    slow = replace(STANDARD, command_rate_limit=(1.0, 1.0, 2.0))
     old, new = (
-        LearnedPolicy(policy_folders.contract(observation=CLOCKED), one)
+        LearnedPolicy(policy_folders.contract(observation=slow), one)
         for one in (network, Recorder())
     )
     old.take_over()

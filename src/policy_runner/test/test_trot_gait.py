@@ -11,7 +11,7 @@ from policy_runner.policies.trot import (
     ScriptedTrots,
     TrotConfig,
 )
-from policy_runner.policies.trot_gait import GaitCycle, GaitTable
+from policy_runner.policies.trot_gait import GaitCycle
 from wattwalk_core.anymal import DEFAULT_POSE, LIMITS
 from wattwalk_core.errors import InputError
 
@@ -145,10 +145,7 @@ def test_a_push_to_the_left_moves_the_coming_footholds_to_the_left():
 
 def test_robots_side_by_side_walk_as_each_does_alone():
     random = np.random.default_rng(3)
-    configs = [
-        *(replace(TROTS[name], cadence_adaptation=(3.0, 0.25, 0.6)) for name in TROTS),
-        replace(TROTS['trot'], urgent_foot_y=0.34, urgent_height=0.48, frequency_per_speed=0.6),
-    ]
+    configs = [*TROTS.values(), replace(TROTS['trot'], foot_y=0.34, height=0.48)]
     count = len(configs)
     together, alone = ScriptedTrots(configs), [ScriptedTrot(config) for config in configs]
     for k in range(1200):
@@ -165,58 +162,6 @@ def test_robots_side_by_side_walk_as_each_does_alone():
         found = together.step(0.005 * k, *inputs)
         expected = [trot.step(0.005 * k, *(x[i] for x in inputs)) for i, trot in enumerate(alone)]
         np.testing.assert_allclose(found, expected, atol=1e-9)
-
-
-def test_a_table_walks_as_the_gait_of_its_command_and_blends_in_between():
-    low, high = replace(TROTS['trot'], height=0.46), replace(TROTS['trot'], height=0.56)
-    table = GaitTable(((0.8, 0.0, 0.0), (0.0, 0.4, 0.0)), (low, high))
-    commands = np.array([[0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, -0.4, 0.0], [0.4, 0.2, 0.0]])
-    weights = table.weights(commands)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-    np.testing.assert_allclose(weights[:3], [[1, 0], [1, 0], [0, 1]], atol=1e-3)
-    assert 0.3 < weights[3, 0] < 0.7
-
-    alone, by_table = ScriptedTrots([low]), ScriptedTrots([TROTS['trot']], table)
-    for k in range(800):
-        inputs = ([[0.8, 0.0, 0.0]], [DEFAULT_POSE], [LEVEL], np.zeros((1, 3)), np.zeros((1, 2)))
-        expected, found = (
-            trots.step(0.005 * k, *map(np.array, inputs)) for trots in (alone, by_table)
-        )
-    np.testing.assert_allclose(found, expected, atol=5e-3)
-
-
-def test_a_table_of_one_gait_is_refused():
-    with pytest.raises(InputError, match='1 commands and 1 gaits'):
-        GaitTable(((0.0, 0.0, 0.0),), (TROTS['trot'],))
-
-
-def test_a_robot_in_a_hurry_takes_the_urgent_stance_and_a_calm_one_does_not():
-    config = replace(
-        TROTS['trot'], cadence_adaptation=(3.0, 0.25, 0.6), urgent_foot_y=0.34, foot_y=0.24
-    )
-    sides = []
-    for error in (0.0, 2.0):
-        trot = ScriptedTrot(config)
-        for k in range(800):
-            velocity = np.array([0.3 + error * (k > 600), 0.0, 0.0])
-            trot.step(0.005 * k, np.array([0.3, 0, 0]), DEFAULT_POSE, LEVEL, STILL, velocity)
-        sides.append(np.abs(forward(trot.planned.ravel()).feet[:, 1]).max())
-    assert sides[0] == pytest.approx(0.24, abs=0.01)
-    assert sides[1] == pytest.approx(0.34, abs=0.02)
-
-
-def test_the_stride_rate_rises_with_the_speed_that_is_asked_for():
-    config = replace(TROTS['trot'], frequency=1.3, frequency_per_speed=0.5)
-    lifts = []
-    for speed in (0.2, 0.8):
-        trot, before = ScriptedTrot(config), 0.0
-        command, count = np.array([speed, 0, 0]), 0
-        for k in range(2800):
-            trot.step(0.005 * k, command, DEFAULT_POSE, LEVEL, STILL, command)
-            count += k >= 800 and trot.stride < before
-            before = trot.stride
-        lifts.append(count / 10.0)
-    assert lifts == pytest.approx([1.4, 1.7], abs=0.1)
 
 
 def test_targets_stay_finite_and_in_range_for_wild_inputs():

@@ -14,6 +14,7 @@ def tiny():
         {
             'physics.environments': 4,
             'physics.threads': 1,
+            'physics.plant': 'anymal_c',
             'ppo.steps': 6,
             'ppo.minibatches': 2,
             'ppo.epochs': 1,

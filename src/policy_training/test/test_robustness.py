@@ -1,8 +1,8 @@
 import numpy as np
 import policy_folders
 import pytest
-from policy_runner.policies.blended_network import Perceptron
 from policy_runner.policies.folder import read_folder
+from policy_runner.policies.network import Perceptron
 from policy_training.evaluation.robustness import (
     RobustnessConfig,
     evaluate_robustness,
@@ -42,5 +42,5 @@ def test_trials_are_of_some_robots_for_some_seconds():
 
 
 def test_trials_are_on_the_plant_that_is_named():
-    name = 'anymal_c_published'
+    name = 'anymal_c'
     assert rough_world(RobustnessConfig(plant=name)).physics.plant == name

@@ -10,8 +10,7 @@ from policy_training.learning.run_folder import read_checkpoint, read_curves
 
 TINY = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),
-    *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1', 'imitation.gait='),
-    'ppo.anchor_rate=0',
+    *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1'),
 )
 
 
@@ -54,16 +53,15 @@ def test_a_stopped_run_goes_on_where_its_checkpoint_was(tmp_path):
 
 
 def test_a_run_does_not_go_on_from_robots_that_were_shown_something_else(tmp_path, capsys):
-    run(tmp_path / 'first', '--set', 'stride_frequency=2.4')
-    assert run(tmp_path / 'second', '--from', str(tmp_path / 'first')) == 2
-    assert 'stride_frequency 2.4, this one has 1.7' in capsys.readouterr().err
+    run(tmp_path / 'first', '--set', 'command_rate_limit=[1.0, 1.0, 2.0]')
+    capsys.readouterr()
     assert run(tmp_path / 'first', '--resume', '--set', 'command_rate_limit=[2.0, 2.0, 2.0]') == 2
     assert 'command_rate_limit [1.0, 1.0, 2.0]' in capsys.readouterr().err
 
 
 def test_a_run_that_starts_from_another_may_limit_the_rate_of_commands_otherwise(tmp_path):
     run(tmp_path / 'first')
-    other = ('--set', 'command_rate_limit=[]')
+    other = ('--set', 'command_rate_limit=[1.0, 1.0, 2.0]')
     assert run(tmp_path / 'second', '--from', str(tmp_path / 'first'), *other) == 0
 
 
@@ -90,10 +88,6 @@ def test_power_by_a_network_is_in_reward_and_curves(tmp_path, network_run):
     assert rows[-1]['term/power'] != 0.0
     training = load_policy(str(tmp_path / 'r' / 'policy')).contract.training
     assert training['power_weight'] == 4e-4
-
-
-def test_learning_from_mirror_images_runs(tmp_path):
-    assert run(tmp_path / 'r', '--set', 'ppo.mirror=true') == 0
 
 
 def test_checkpoints_hold_no_objects(tmp_path):

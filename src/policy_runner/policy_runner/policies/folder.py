@@ -24,9 +24,6 @@ from policy_runner.policies.observations import Observation
 FORMAT: Final = 'wattwalk_policy/1'
 CARD: Final = 'policy.yaml'
 WEIGHTS: Final = 'weights.safetensors'
-FALLBACK: Final = 'fallback.'  # prefix of the tensors of a second network
-SEEN_BY_FALLBACK: Final = ('base_velocity', 'gravity', 'command')
-"""Observation terms by which the share of the second network goes."""
 
 
 @schema
@@ -46,50 +43,19 @@ class Gains:
 
 
 @schema
-class Fallback:
-    """Conditions in which a second network of the same sizes acts, see `blended_network.py`.
-
-    Its share is the largest of three: it rises from 0 to 1 as the capture-point error goes from
-    `onset` to `full`; as the second largest part of the command, each in shares of `largest`, goes
-    from `one_axis` to `mixed` times the largest part; and it is 1 where the command is to stand.
-    """
-
-    onset: Annotated[float, Quantity(0.0, 10.0, 'm/s')] = 0.2
-    full: Annotated[float, Quantity(0.0, 10.0, 'm/s')] = 0.5
-    one_axis: Annotated[float, Quantity(0.0, 1.0)] = 0.13
-    mixed: Annotated[float, Quantity(0.0, 1.0)] = 0.8
-    largest: tuple[
-        Annotated[float, Quantity(0.01, 10.0, 'm/s')],
-        Annotated[float, Quantity(0.01, 10.0, 'm/s')],
-        Annotated[float, Quantity(0.01, 10.0, 'rad/s')],
-    ] = (1.0, 0.6, 1.0)
-
-    def __post_init__(self) -> None:
-        for low, high in (('onset', 'full'), ('one_axis', 'mixed')):
-            below, above = getattr(self, low), getattr(self, high)
-            if below >= above:
-                raise InputError(f'{low} is {below!r}; it must be below {high} = {above!r}')
-
-
-@schema
 class PolicyNetwork:
-    """A multi-layer perceptron: widths and activation function of the hidden layers.
-
-    fallback: when a second one of the same sizes acts, of the tensors `fallback.layer0.weight`, ….
-    """
+    """A multi-layer perceptron: widths and activation function of the hidden layers."""
 
     hidden: tuple[Annotated[int, Quantity(1, 4096)], ...]
     activation: Literal['elu', 'relu', 'tanh'] = 'elu'
-    fallback: Fallback | None = None
 
     def shapes(self, inputs: int, outputs: int) -> dict[str, tuple[int, ...]]:
         """Return the shape of each tensor by name."""
         widths = (inputs, *self.hidden, outputs)
         shapes: dict[str, tuple[int, ...]] = {}
-        for prefix in ('',) if self.fallback is None else ('', FALLBACK):
-            for layer, (before, after) in enumerate(pairwise(widths)):
-                shapes[f'{prefix}layer{layer}.weight'] = (after, before)
-                shapes[f'{prefix}layer{layer}.bias'] = (after,)
+        for layer, (before, after) in enumerate(pairwise(widths)):
+            shapes[f'layer{layer}.weight'] = (after, before)
+            shapes[f'layer{layer}.bias'] = (after,)
         return shapes
 
 
@@ -126,17 +92,11 @@ class Contract:
             for joint in self.joints:
                 if joint not in values:
                     raise InputError(f'{name} lacks {joint!r}')
-        if self.network.fallback is not None:
-            for term in SEEN_BY_FALLBACK:
-                if term not in self.observation.names:
-                    raise InputError(f'observation lacks {term!r}, which network.fallback goes by')
 
     def content(self) -> dict[str, Any]:
         """Return keys and values as policy.yaml holds them."""
         found: dict[str, Any] = asdict(self)  # type: ignore[call-overload]
         found['observation'] = self.observation.content()
-        if self.network.fallback is None:
-            del found['network']['fallback']
         return found
 
     def ordered(self, values: Mapping[str, float]) -> Floats:

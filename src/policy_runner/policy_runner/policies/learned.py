@@ -15,11 +15,11 @@ from wattwalk_core.anymal import (
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-from policy_runner.policies.blended_network import Network, network_of
+from policy_runner.policies.command_rate import CommandRateLimiter
 from policy_runner.policies.folder import Contract, read_folder
-from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
+from policy_runner.policies.network import Network, Perceptron
 
 _SETTLING: Final = 0.25  # s, in which the legs correct the accelerometer; best of 2 on 24 walks
 _BLIND_SETTLING: Final = 0.04  # s, the same without an accelerometer
@@ -103,7 +103,7 @@ def _shank_rates(angles: Floats, turning: Floats) -> Floats:
 
 
 _STAND_UP: Final = 1.5  # s
-_LONGEST_STEP: Final = 0.1  # s by which command and gait phase advance in one step
+_LONGEST_STEP: Final = 0.1  # s by which the command advances in one step
 _EARLY: Final = 0.25  # share of a period by which a step may come early
 
 
@@ -137,7 +137,7 @@ class LearnedPolicy:
     def load(cls, path: Path) -> 'LearnedPolicy':
         """Load a folder; InputError for a bad one."""
         contract, tensors = read_folder(path)
-        return cls(contract, network_of(contract, tensors))
+        return cls(contract, Perceptron(tensors, contract.network.activation))
 
     def reset(self) -> None:
         """Reset; the next step begins to stand up from the measured pose."""
@@ -147,11 +147,7 @@ class LearnedPolicy:
         self._acted: float | None = None
         self._targets = np.zeros(12)
         self._action = np.zeros(12)
-        seen = self.contract.observation
-        self._limiter = CommandRateLimiter(seen.command_rate_limit)
-        self._phase = GaitPhase(
-            seen.stride_frequency, seen.cadence_adaptation, per_speed=seen.frequency_per_speed
-        )
+        self._limiter = CommandRateLimiter(self.contract.observation.command_rate_limit)
         self._velocity.reset()
         self._standing_up = True
 
@@ -190,9 +186,7 @@ class LearnedPolicy:
         return self._targets
 
     def _act(self, command: Floats, inputs: Inputs, velocity: Floats, seconds: float) -> Floats:
-        asked = np.asarray(command, np.float64)[None]
-        limited = self._limiter.advance(seconds, asked)
-        self._phase.advance(seconds, limited, asked, velocity[None], inputs.gravity[None])
+        limited = self._limiter.advance(seconds, np.asarray(command, np.float64)[None])
         observation = self.contract.observation.assemble(
             {
                 'base_velocity': velocity,
@@ -202,7 +196,6 @@ class LearnedPolicy:
                 'joint_position': inputs.position[self._order] - self._pose,
                 'joint_velocity': inputs.velocity[self._order],
                 'last_action': self._action,
-                'gait_clock': self._phase.values()[0],
             }
         )
         clip = self.contract.action.clip

@@ -10,12 +10,6 @@ from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, schema
 
-from policy_runner.policies.gait_phase import (
-    CADENCE_ADAPTATION,
-    COMMAND_RATE_LIMIT,
-    check_cadence_adaptation,
-)
-
 SIZES: Final = MappingProxyType(
     {
         'base_velocity': 3,
@@ -25,15 +19,13 @@ SIZES: Final = MappingProxyType(
         'joint_position': 12,
         'joint_velocity': 12,
         'last_action': 12,
-        'gait_clock': 2,
     }
 )
 """
 Number of values of each term. base_velocity m/s, angular_velocity rad/s and gravity (unit vector)
 are in the base's frame; command is vx, vy in m/s and yaw rate in rad/s; joint_position is relative
 to the policy's default pose, rad; joint_velocity rad/s; last_action is the network's previous
-output, unscaled; gait_clock is sine and cosine of the gait phase, see `gait_phase.GaitPhase`.
-Joints are in the policy's order.
+output, unscaled. Joints are in the policy's order.
 """
 
 
@@ -68,25 +60,19 @@ class ObservationTerm:
 class Observation:
     """Terms in the order of the network's inputs, scaled, then clipped to ±clip.
 
-    stride_frequency: of gait_clock at rest, Hz; frequency_per_speed: what a command of vx and vy
-    adds to it. cadence_adaptation: see
-    `gait_phase.CADENCE_ADAPTATION`; empty for none. command_rate_limit: of the velocity command
-    that the policy is given, m/s², m/s² and rad/s²; empty for none.
+    command_rate_limit: of the velocity command that the policy is given, m/s², m/s² and rad/s²;
+    empty for none.
     """
 
-    RENAMED: ClassVar = {'hurry': 'cadence_adaptation', 'command_slew': 'command_rate_limit'}
+    RENAMED: ClassVar = {'command_slew': 'command_rate_limit'}
 
     terms: tuple[ObservationTerm, ...]
     clip: Annotated[float, Quantity(1e-3, 1e6)] = 100.0
-    stride_frequency: Annotated[float, Quantity(0.2, 5.0, 'Hz')] = 1.9
-    frequency_per_speed: Annotated[float, Quantity(0.0, 3.0, 'Hz·s/m')] = 0.0
-    cadence_adaptation: tuple[float, ...] = ()
     command_rate_limit: tuple[Annotated[float, Quantity(0.1, 100.0, 'm/s² or rad/s²')], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.names or len(set(self.names)) != len(self.names):
             raise InputError(f'terms are {list(self.names)}; name each once, and at least one')
-        check_cadence_adaptation(self.cadence_adaptation, self.stride_frequency)
         if len(self.command_rate_limit) not in (0, 3):
             raise InputError(
                 f'command_rate_limit is {list(self.command_rate_limit)}; expected three numbers '
@@ -125,8 +111,6 @@ class Observation:
         """Return keys and values as policy.yaml holds them, empty ones left out."""
         found: dict[str, Any] = asdict(self)  # type: ignore[call-overload]
         lists = {key: list(value) for key, value in found.items() if isinstance(value, tuple)}
-        if not self.frequency_per_speed:
-            del found['frequency_per_speed']
         return {key: value for key, value in (found | lists).items() if value != []}
 
 
@@ -142,12 +126,3 @@ STANDARD: Final = Observation(
     )
 )
 """The 48 values of legged_gym's flat ANYmal, the observation of the paper's baseline [14]."""
-CLOCKED: Final = Observation(
-    (*STANDARD.terms, ObservationTerm('gait_clock')),
-    cadence_adaptation=CADENCE_ADAPTATION,
-    command_rate_limit=COMMAND_RATE_LIMIT,
-)
-"""
-STANDARD with an adaptive gait phase and rate-limited commands, 50 values: the observation of the
-policies that are trained here.
-"""

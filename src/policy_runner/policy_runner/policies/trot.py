@@ -10,24 +10,17 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT, LIMITS
+from wattwalk_core.anymal import FRONT, LEFT, LIMITS
 from wattwalk_core.arrays import Bools, Floats
 
 from policy_runner.policies import kinematics
-from policy_runner.policies.gait_phase import (
-    COMMAND_RATE_LIMIT,
-    CommandRateLimiter,
-    cadence,
-    capture_point_error,
-    urgency,
-)
+from policy_runner.policies.command_rate import COMMAND_RATE_LIMIT, CommandRateLimiter
 from policy_runner.policies.kinematics import clipped, stance_torque
 from policy_runner.policies.trot_gait import (
     DEFAULT_TROT,
     TROTS,
     Feedback,
     GaitCycle,
-    GaitTable,
     TrotConfig,
 )
 
@@ -55,37 +48,27 @@ class ScriptedTrots:
     drive carries the weight and overcomes its friction without a steady error.
     """
 
-    def __init__(self, configs: Sequence[TrotConfig], table: GaitTable | None = None) -> None:
-        """table: gaits by command, whose values replace those of all configs."""
+    def __init__(self, configs: Sequence[TrotConfig]) -> None:
         self.configs = tuple(configs)
-        self._table = table
         count = len(self.configs)
         self._p = {
             name: np.array([getattr(config, name) for config in configs], np.float64)
             for name in (
-                *('frequency', 'frequency_per_speed', 'stance_speed', 'swing_height', 'ramp'),
-                *('urgent_swing_height', 'stiffness', 'damping', 'friction'),
+                *('frequency', 'duty', 'height', 'swing_height', 'ramp'),
+                *('stiffness', 'damping', 'friction'),
             )
         }
         self._gains = {
             item.name: np.array([getattr(config.feedback, item.name) for config in configs])
             for item in fields(Feedback)
         }
-        calm, urgent = (np.array([c.stance(u) for c in configs]) for u in (0.0, 1.0))
-        self._calm, self._change = calm, urgent - calm
-        self._changes = table is not None or bool(self._change.any())
-        self._some_adapt = any(config.cadence_adaptation for config in configs)
-        self._adaptation = np.array(
-            [c.cadence_adaptation or (c.frequency, 0.0, np.inf) for c in configs]
-        )
-        self._adapts = np.array([bool(c.cadence_adaptation) for c in configs])
+        self._rest = np.array([config.footholds for config in configs])
         self._top = np.array([[c.max_forward, c.max_lateral, c.max_yaw] for c in configs])
         self._cycle = GaitCycle(count)
         self._limiter = CommandRateLimiter(COMMAND_RATE_LIMIT, count)
         self._time: float | None = None
         self._fresh = np.ones(count, bool)
         self._elapsed = np.zeros(count)
-        self._share = np.zeros(count)  # of urgency
         self._initial_pose = np.zeros((count, 12))
         self._trim = np.zeros((count, 3))
         self._velocity = np.zeros((count, 2))
@@ -95,7 +78,6 @@ class ScriptedTrots:
         self.planned = np.zeros((count, 4, 3))  # rad, without the shift for torque
         self._rates = np.zeros((count, 4, 3))
         self._feet = np.zeros((count, 4, 3))
-        self._set_stance()
         self.reset()
 
     @property
@@ -116,10 +98,8 @@ class ScriptedTrots:
         self._cycle.reset(who)
         self._limiter.values[who] = 0.0
         self._fresh[who] = True
-        for values in (self._elapsed, self._share, self._trim, self._velocity, self._tilt):
+        for values in (self._elapsed, self._trim, self._velocity, self._tilt, self._rates):
             values[who] = 0.0
-        self._rates[who] = 0.0
-        self._set_stance()
         self._places[who] = self._lifted_at[who] = self._rest[who]
         self.planned[who] = kinematics.inverse(self._rest[who])
 
@@ -150,8 +130,6 @@ class ScriptedTrots:
         legs = kinematics.forward(joint_position)
         command = clipped(velocity_command, -self._top, self._top)
         self._command = self._limiter.advance(dt[:, None], command)
-        if self._table is not None:
-            self._blend(self._table)
         self._estimate(legs.feet, gravity, spin, base_velocity, dt)
         self._advance_gait(legs.feet, dt)
         self._move_stance_feet(dt)
@@ -165,7 +143,7 @@ class ScriptedTrots:
             self._gains,
             legs,
             self._cycle.load,
-            height=self._height,
+            height=self._p['height'],
             gravity=gravity,
             spin=spin,
             velocity_error=error,
@@ -175,22 +153,6 @@ class ScriptedTrots:
         torque += self._p['friction'][:, None, None] * np.tanh(self._rates / 0.3)
         self._fresh[:] = False
         return self._ramp_in((torque / self._p['stiffness'][:, None, None]).reshape(-1, 12))
-
-    def _blend(self, table: GaitTable) -> None:
-        weights = table.weights(self._command)
-        for name, values in table.values.items():
-            self._p[name] = weights @ values
-        calm, urgent = table.stances
-        self._calm, self._change = weights @ calm, weights @ (urgent - calm)
-        self._set_stance()
-
-    def _set_stance(self) -> None:
-        duty, height, foot_x, foot_y = (self._calm + self._share[:, None] * self._change).T
-        self._duty, self._height = duty, height
-        self._rest = np.empty((len(self.configs), 4, 3))
-        self._rest[..., 0] = foot_x[:, None] * FRONT
-        self._rest[..., 1] = foot_y[:, None] * LEFT
-        self._rest[..., 2] = (FOOT_RADIUS - height)[:, None]
 
     def _estimate(
         self, feet: Floats, gravity: Floats, spin: Floats, velocity: Floats | None, dt: Floats
@@ -224,19 +186,6 @@ class ScriptedTrots:
 
     def _advance_gait(self, feet: Floats, dt: Floats) -> None:
         ready = self._elapsed >= self._p['ramp']
-        self._frequency = cadence(
-            self._p['frequency'], self._p['frequency_per_speed'], self._command
-        )
-        self._lift = self._p['swing_height']
-        if self._some_adapt:
-            error = capture_point_error(self._command[:, :2] - self._velocity, self._tilt)
-            share = np.where(self._adapts, urgency(self._adaptation.T, error), 0.0)
-            self._share = np.where(ready, share, self._share)
-            faster = np.maximum(self._adaptation[:, 0] - self._frequency, 0.0)
-            self._frequency = self._frequency + self._share * faster
-            self._lift = self._lift + self._share * (self._p['urgent_swing_height'] - self._lift)
-            if self._changes:
-                self._set_stance()
         speed = np.hypot(self._velocity[:, 0], self._velocity[:, 1])
         tilt = np.hypot(self._tilt[:, 0], self._tilt[:, 1])
         commanded = np.abs(self._command).max(axis=1) >= 0.02
@@ -246,8 +195,8 @@ class ScriptedTrots:
         near = np.abs(offset).max(axis=1) < 0.08
         self._cycle.advance(
             np.where(ready, dt, 0.0),
-            self._frequency,
-            self._duty,
+            self._p['frequency'],
+            self._p['duty'],
             requested=ready & (commanded | splayed | (speed > 0.25) | (tilt > 0.2)),
             settled=(speed < 0.15) & (tilt < 0.1) & near,
         )
@@ -255,7 +204,7 @@ class ScriptedTrots:
     def _move_stance_feet(self, dt: Floats) -> None:
         places, stance = self._places, ~self._cycle.swinging
         moving = (self._cycle.walking * dt)[:, None] * stance
-        velocity = self._p['stance_speed'][:, None] * self._command + self._trim
+        velocity = self._command + self._trim
         give = self._gains['yielding'][:, None]
         vx, vy = (velocity[:, :2] + give * (self._velocity - self._command[:, :2])).T
         yaw = velocity[:, 2]
@@ -271,7 +220,7 @@ class ScriptedTrots:
         if not swinging.any():
             return
         rest, command = self._rest, self._command
-        half = 0.5 * (self._duty / self._frequency)
+        half = 0.5 * (self._p['duty'] / self._p['frequency'])
         turn = (half * command[:, 2])[:, None]
         away = self._gains['foothold'][:, None] * (command[:, :2] - self._velocity)
         shift = clipped(half[:, None] * command[:, :2] - away, _NEAREST_STEP, _FARTHEST_STEP)
@@ -282,7 +231,7 @@ class ScriptedTrots:
         s = clipped(self._cycle.swing_progress, 0.0, 1.0)[..., None]
         start = self._lifted_at
         place = start + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * (goal - start)
-        place[..., 2] += self._lift[:, None] * 16.0 * (s * (1.0 - s))[..., 0] ** 2
+        place[..., 2] += self._p['swing_height'][:, None] * 16.0 * (s * (1.0 - s))[..., 0] ** 2
         self._places = np.where(swinging[..., None], place, self._places)
 
     def _plan_joints(self, dt: Floats) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import inf
 from types import MappingProxyType
 from typing import Annotated, Final
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT
 from wattwalk_core.arrays import Bools, Floats
-from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
 from policy_runner.policies.kinematics import clipped
@@ -47,11 +45,8 @@ class Feedback:
 class TrotConfig:
     """Shape of the gait and gains of the drives; InputError for a value out of range.
 
-    frequency: of strides, at rest and without disturbance; frequency_per_speed: what a command
-    adds to it. cadence_adaptation: see `gait_phase.CADENCE_ADAPTATION`; empty for none.
-    stance_speed: velocity of stance feet over the command. duty: share of a stride that a foot is
-    on the ground. height: base over ground. foot_x, foot_y: feet from the base's centre. urgent_…:
-    the same at full urgency, None as without it.
+    frequency: of strides. duty: share of a stride that a foot is on the ground. height: base over
+    ground. foot_x, foot_y: feet from the base's centre.
     max_forward, max_lateral, max_yaw: limits of commands. ramp: from the measured pose to
     standing. stiffness: position gain of the drives. damping: their velocity gain and viscous
     gear friction that targets compensate. friction: Coulomb friction that they compensate. Both
@@ -59,19 +54,11 @@ class TrotConfig:
     """
 
     frequency: Annotated[float, Quantity(0.8, 3.0, 'Hz')] = 1.9
-    frequency_per_speed: Annotated[float, Quantity(0.0, 3.0, 'Hz·s/m')] = 0.0
-    cadence_adaptation: tuple[float, ...] = ()
-    stance_speed: Annotated[float, Quantity(0.5, 1.5)] = 1.0
     duty: Annotated[float, Quantity(0.5, 0.85)] = 0.58
     height: Annotated[float, Quantity(0.40, 0.62, 'm')] = 0.52
     swing_height: Annotated[float, Quantity(0.01, 0.2, 'm')] = 0.07
-    urgent_swing_height: Annotated[float, Quantity(0.01, 0.2, 'm')] = 0.07
     foot_x: Annotated[float, Quantity(0.25, 0.5, 'm')] = 0.40
     foot_y: Annotated[float, Quantity(0.12, 0.36, 'm')] = 0.28
-    urgent_duty: Annotated[float, Quantity(0.5, 0.85)] | None = None
-    urgent_height: Annotated[float, Quantity(0.40, 0.62, 'm')] | None = None
-    urgent_foot_x: Annotated[float, Quantity(0.25, 0.5, 'm')] | None = None
-    urgent_foot_y: Annotated[float, Quantity(0.12, 0.36, 'm')] | None = None
     max_forward: Annotated[float, Quantity(0.0, 1.5, 'm/s')] = 0.8
     max_lateral: Annotated[float, Quantity(0.0, 1.0, 'm/s')] = 0.6
     max_yaw: Annotated[float, Quantity(0.0, 2.0, 'rad/s')] = 0.9
@@ -90,15 +77,6 @@ class TrotConfig:
         depth = np.full(4, FOOT_RADIUS - self.height)
         return np.column_stack([self.foot_x * FRONT, self.foot_y * LEFT, depth])
 
-    def stance(self, urgency: float) -> tuple[float, float, float, float]:
-        """Return duty, height, foot_x and foot_y at an urgency of 0..1."""
-
-        def between(name: str) -> float:
-            calm, urgent = getattr(self, name), getattr(self, f'urgent_{name}')
-            return float(calm if urgent is None else calm + urgency * (urgent - calm))
-
-        return between('duty'), between('height'), between('foot_x'), between('foot_y')
-
 
 DEFAULT_TROT: Final = TrotConfig()
 TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
@@ -106,20 +84,9 @@ TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
         'trot': DEFAULT_TROT,
         'trot_slow': TrotConfig(frequency=1.5, duty=0.64, height=0.50),
         'trot_high': TrotConfig(frequency=2.0, height=0.55, swing_height=0.10, foot_y=0.30),
-        'trot_even': TrotConfig(
-            frequency=1.7,
-            stance_speed=0.75,
-            height=0.56,
-            swing_height=0.05,
-            urgent_swing_height=0.10,
-            feedback=Feedback(trim=0.0),
-        ),
     }
 )
-"""
-Gaits by name: three that load the drives differently, and one that policies imitate. That one
-tracks its command without an integrator, whose state is no input of a network.
-"""
+"""Gaits by name, which load the drives differently."""
 
 
 class GaitCycle:
@@ -177,54 +144,3 @@ class GaitCycle:
         load = np.where(walking, clipped(border, 0.0, 1.0), 1.0)
         self.load = self.load + np.minimum(1.0, dt / 0.015)[:, None] * (load - self.load)
         self.load[self.swinging] = 0.0
-
-
-BLENDED: Final = ('stance_speed', 'swing_height', 'urgent_swing_height', 'damping')
-"""Entries of `TrotConfig` that follow the command, beside duty, height and footholds."""
-_SIZE: Final = np.array([0.5, 0.4, 0.8])  # m/s, m/s, rad/s that count alike
-_SOFTEST: Final = 0.02  # squared distance below which a gait rules alone
-
-
-@dataclass(frozen=True)
-class GaitTable:
-    """A trot for each of K velocity commands.
-
-    Their frequency is not blended: a policy's gait clock follows one line over speed. Commands
-    mean their mirror images too. InputError for fewer than two.
-    """
-
-    commands: tuple[tuple[float, float, float], ...]  # vx, vy in m/s, yaw rate in rad/s
-    gaits: tuple[TrotConfig, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.commands) < 2 or len(self.commands) != len(self.gaits):
-            raise InputError(
-                f'a table of gaits has {len(self.commands)} commands and {len(self.gaits)} gaits; '
-                'give two or more, and as many of both'
-            )
-
-    def weights(self, command: Floats) -> Floats:
-        """Return the share of each gait [N, K] at commands [N, 3], by inverse distance⁴."""
-        away = (np.abs(command)[:, None] - self._places) / _SIZE
-        near = 1.0 / np.square(np.square(away).sum(axis=2) + _SOFTEST)
-        return np.asarray(near / near.sum(axis=1, keepdims=True))
-
-    @cached_property
-    def _places(self) -> Floats:
-        return np.abs(np.array(self.commands, np.float64))
-
-    @cached_property
-    def values(self) -> dict[str, Floats]:
-        """The blended entries of each gait [K]."""
-        return {
-            name: np.array([getattr(gait, name) for gait in self.gaits], np.float64)
-            for name in BLENDED
-        }
-
-    @cached_property
-    def stances(self) -> tuple[Floats, Floats]:
-        """Duty, height, foot_x and foot_y of each gait [K, 4], calm and at full urgency."""
-        calm, urgent = (
-            np.array([gait.stance(urgency) for gait in self.gaits]) for urgency in (0.0, 1.0)
-        )
-        return calm, urgent

@@ -11,32 +11,6 @@ from wattwalk_core.errors import InputError
 
 from policy_training.evaluation.tasks import TASKS
 
-_BLEND = """\
-POLICY and FALLBACK are shipped ones (baseline, economy, …), policy folders or training runs. The
-fallback acts out of balance, under commands that mix axes and when the robot is to stand.
-
-examples:
-  ros2 run policy_training blend runs/calm runs/sturdy -o runs/blend
-  ros2 run policy_training evaluate --policies baseline runs/blend
-"""
-
-
-@entry_point(
-    'policy_training.commands.blend:run',
-    'Join two learned policies into one that is economical in balance and sturdy out of it.',
-    _BLEND,
-)
-def blend(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add = parser.add_argument
-    add('policy', metavar='POLICY', help='acts in balance; the gait clock is its')
-    add('fallback', metavar='FALLBACK', help='acts elsewhere')
-    add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='of the new policy')
-    add('--name', help='of the new policy, that of FOLDER if absent')
-    add('--onset', type=float, default=0.2, help='capture-point error, m/s, of its first share')
-    add('--full', type=float, default=0.5, help='capture-point error, m/s, where it acts alone')
-    return parser.parse_args(args)
-
-
 _EVALUATE = """\
 A policy is a name (baseline, economy, trot, …), a policy folder or a training run.
 
@@ -65,7 +39,12 @@ def evaluate(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--models', nargs='+', default=[], metavar='MODEL', help='power models to estimate with')
     add('--duration', type=float, default=12.0, metavar='S', help='of each task')
     add('--seed', type=int, default=1, help='of noise and ground')
-    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add(
+        '--plant',
+        default='anymal_c_published',
+        metavar='FILE',
+        help='plant file, or a shipped plant',
+    )
     add('--unit', type=int, default=0, metavar='N', help='which unit of the robot')
     add('--rough', action='store_true', help='on rough ground rather than level')
     add('--ideal', action='store_true', help='give policies the true state, not what sensors read')

@@ -8,9 +8,8 @@ import yaml
 from wattwalk_core.errors import InputError
 
 from policy_training.config import TrainingConfig
-from policy_training.learning.gait_files import with_clock_of_gait
 from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, read_checkpoint
-from policy_training.learning.training import imitate_expert, make_learner, train
+from policy_training.learning.training import make_learner, train
 
 
 def run(options: argparse.Namespace) -> int:
@@ -22,22 +21,13 @@ def run(options: argparse.Namespace) -> int:
     if options.resume:
         config, state = folder.resume()
         config = config.with_values(changes)
-    elif config.imitation.gait:
-        config = with_clock_of_gait(config)
     learner = make_learner(config, options.device)
-    anchored = config.ppo.anchor_rate > 0.0 and not config.imitation.gait
-    if anchored and state is None and options.source is None:
-        raise InputError(
-            'ppo.anchor_rate needs a reference policy: --from a run that walks, or imitation.gait'
-        )
     if state is not None:
         with fitting_checkpoint():
             learner.restore(state)
     elif options.source is not None:
         with fitting_checkpoint():
             learner.take_networks(read_checkpoint(options.source))
-    elif config.imitation.gait:
-        imitate_expert(learner)
     if not options.resume:
         folder.start(config)
     train(learner, folder, seconds=options.seconds)
@@ -70,7 +60,7 @@ def _changes(options: argparse.Namespace) -> dict[str, Any]:
     for text in options.set:
         key, equals, value = text.partition('=')
         if not equals:
-            raise InputError(f'--set {text!r} is not KEY=VALUE, such as ppo.mirror=true')
+            raise InputError(f'--set {text!r} is not KEY=VALUE, such as random.push=1.2')
         changes[key] = _value(text, value)
     return changes
 

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.policies.gait_phase import DEAD_ZONE, CommandRateLimiter, GaitPhase
+from policy_runner.policies.command_rate import CommandRateLimiter
 from policy_runner.policies.observations import Observation
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import DEFAULT_POSE, GRAVITY
@@ -16,9 +16,11 @@ from policy_training.environment.power_term import PlantPower, PowerSource
 from policy_training.environment.rewards import FootClock, Rewards, RewardState
 from policy_training.environment.robots import RobotMotion, Robots
 
+DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it means standing
+
 
 class VelocityCommands:
-    """Random velocity commands in a range that widens during training."""
+    """Random velocity commands."""
 
     def __init__(self, config: CommandConfig, count: int, random: np.random.Generator) -> None:
         self._config = config
@@ -26,17 +28,10 @@ class VelocityCommands:
         self._top = np.array([config.forward, config.lateral, config.yaw])
         self.values = np.zeros((count, 3))
 
-    def share(self, steps: float) -> float:
-        """Return the share of the range in use after a number of policy steps."""
-        c = self._config
-        done = 1.0 if steps >= c.ramp_steps else steps / c.ramp_steps
-        return c.ramp_from + (1.0 - c.ramp_from) * done
-
-    def draw(self, ids: NDArray[np.intp], steps: float) -> None:
+    def draw(self, ids: NDArray[np.intp]) -> None:
         """Draw commands of some robots: along one axis, along all, or to stand still."""
         c, random, count = self._config, self._random, len(ids)
-        top = self.share(steps) * self._top
-        values = random.uniform(-top, top, (count, 3))
+        values = random.uniform(-self._top, self._top, (count, 3))
         kind = random.uniform(size=count)
         axis = random.integers(3, size=count)
         alone = kind < c.single
@@ -66,8 +61,8 @@ class StepOutcome:
 class WalkingEnvironment:
     """N robots that are rewarded for following velocity commands.
 
-    power: watts per drive for the power term, or None. The weights of the power term
-    and the range of commands follow `steps`, the number of policy steps done so far.
+    power: watts per drive for the power term, or None. The weight of the power term
+    follows `steps`, the number of policy steps done so far.
     observation: that of the policy; the config's if None. Observations and tracking rewards are
     of the rate-limited commands (`limiter`).
     """
@@ -88,7 +83,6 @@ class WalkingEnvironment:
         count = self.count = config.physics.environments
         self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
-        self.power_multiplier = 1.0
         plant = Plant.load(config.physics.plant)
         self._meter = PlantPower(plant, count, config.physics.timestep)
         self._metered = 0.0
@@ -96,21 +90,14 @@ class WalkingEnvironment:
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
         self.limiter = CommandRateLimiter(observation.command_rate_limit, count)
-        self.gait_phase = GaitPhase(
-            observation.stride_frequency,
-            observation.cadence_adaptation,
-            count,
-            per_speed=observation.frequency_per_speed,
-        )
+        self.walking = np.zeros(count, bool)
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
         self.longest = round(config.physics.episode / config.step_time)
         self._new_command = round(config.commands.period / config.step_time)
         self._new_push = round(config.random.push_period / config.step_time)
-        share = self._random.uniform(config.noise.least, 1.0, (count, 1))
-        share *= self._random.random((count, 1)) >= config.noise.clean
-        self._noise_level = (share * self._noise_levels()).astype(np.float32)
+        self._noise_level = self._noise_levels().astype(np.float32)
         self.motion: RobotMotion = self._start(np.arange(count))
         self._sense(config.step_time)
         self.age[:] = self._random.integers(0, self.longest, count)
@@ -141,7 +128,6 @@ class WalkingEnvironment:
                 'joint_position': motion.position - DEFAULT_POSE,
                 'joint_velocity': motion.joint_velocity,
                 'last_action': self._last_action,
-                'gait_clock': self.gait_phase.values(),
             }
         )
 
@@ -153,14 +139,14 @@ class WalkingEnvironment:
         state = RewardState(
             motion=motion,
             command=self.limiter.values,
-            walking=self.gait_phase.walking,
+            walking=self.walking,
             action=action,
             last_action=self._last_action,
             acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
             flight=self._feet.land(motion.foot_force),
             sigma=self.config.rewards.tracking_sigma,
         )
-        terms = self._rewards.terms(state, self.config.curriculum.share(self.steps))
+        terms = self._rewards.terms(state)
         if self.power is not None:
             terms['power'] = self._power_term(self.power)
         reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
@@ -179,32 +165,20 @@ class WalkingEnvironment:
         )
 
     def _sense(self, seconds: float) -> None:
-        """Draw sensor noise; advance rate limiters and, by noisy sensors, gait phases."""
-        draw = self._random.random(self._noise_level.shape, np.float32)
+        """Draw sensor noise and advance rate limiters."""
+        draw = self._random.random((self.count, self.observation.size), np.float32)
         self._sensor_noise = (2.0 * draw - 1.0) * self._noise_level
-        commands, motion = self.commands.values, self.motion
-        self.gait_phase.advance(
-            seconds,
-            self.limiter.advance(seconds, commands),
-            commands,
-            motion.velocity + self._noise_of('base_velocity'),
-            motion.gravity + self._noise_of('gravity'),
-        )
-
-    def _noise_of(self, name: str) -> Floats | float:
-        """Return the noise of a term in its own units [N, size]; 0 for one not observed."""
-        if name not in self.observation.names:
-            return 0.0
-        part = self.observation.part(name)
-        return np.asarray(
-            self._sensor_noise[:, part] / self.observation.scales()[part], np.float64
-        )
+        asked = self.commands.values
+        # a command that reverses crosses zero only in the limited one, so both count
+        limited = self.limiter.advance(seconds, asked)
+        sizes = np.linalg.norm(np.stack([limited, asked]), axis=2)
+        self.walking = (sizes >= DEAD_ZONE).any(axis=0)
 
     def _power_term(self, source: PowerSource) -> Floats:
         power = self.config.power
         self.watts = source.drives(self.robots.substeps)
         counted = self.age > power.masked
-        weight = self.power_multiplier * power.weight_at(self.steps) * self.config.step_time
+        weight = power.weight_at(self.steps) * self.config.step_time
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
     def _reset_and_disturb(self, done: Bools) -> Bools:
@@ -213,23 +187,23 @@ class WalkingEnvironment:
             self.motion = self._start(over)
         fresh = (self.age % self._new_command == 0) & ~done
         if fresh.any():
-            self.commands.draw(np.flatnonzero(fresh), self.steps)
+            self.commands.draw(np.flatnonzero(fresh))
         pushed = (self.age % self._new_push == 0) & ~done & bool(self.config.random.push)
         if pushed.any():
             self.push(np.flatnonzero(pushed))
         return np.asarray(fresh | pushed)
 
     def push(self, ids: NDArray[np.intp]) -> None:
-        """Push the robots of these indices, as hard as this stage of the training has it."""
-        self.robots.push(ids, self.config.random.push_share(self.steps))
+        """Push the robots of these indices."""
+        self.robots.push(ids)
         self.motion = self.robots.motion(self.motion.torque)
 
     def _start(self, ids: NDArray[np.intp]) -> RobotMotion:
         self.robots.start(ids)
         self._feet.start(ids)
-        self.commands.draw(ids, self.steps)
+        self.commands.draw(ids)
         self.limiter.values[ids] = 0.0
-        self.gait_phase.start(ids)
+        self.walking[ids] = False
         if self.power is not None:
             self.power.reset(ids)
         self._last_action[ids] = 0.0
@@ -241,7 +215,7 @@ class WalkingEnvironment:
         noise = self.config.noise
         levels = np.zeros(self.observation.size)
         for name in self.observation.names:
-            if name not in ('command', 'last_action', 'gait_clock'):
+            if name not in ('command', 'last_action'):
                 levels[self.observation.part(name)] = getattr(noise, name)
         return np.asarray(levels * np.abs(self.observation.scales()))
 

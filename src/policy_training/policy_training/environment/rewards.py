@@ -14,7 +14,6 @@ from policy_training.config import RewardConfig
 from policy_training.environment.robots import RobotMotion
 
 _TOUCHING: Final = 1.0  # N
-_TRACKING: Final = ('tracking_lin_vel', 'tracking_ang_vel')
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class RewardState:
 
     motion: RobotMotion
     command: Floats  # m/s, m/s, rad/s [N, 3]
-    walking: Bools  # steps are due, by the command or to catch a fall [N]
+    walking: Bools  # steps are due by the command [N]
     action: Floats  # [N, 12]
     last_action: Floats  # [N, 12]
     acceleration: Floats  # rad/s² [N, 12], of the joints
@@ -135,12 +134,9 @@ class Rewards:
         weights = {name: getattr(config, name) * step for name in REWARDS}
         self._weights = {name: weight for name, weight in weights.items() if weight}
 
-    def terms(self, state: RewardState, share: float = 1.0) -> dict[str, Floats]:
-        """Return rewards times nonzero weights [N]; share: factor of all but tracking."""
-        return {
-            name: weight * (1.0 if name in _TRACKING else share) * REWARDS[name](state)
-            for name, weight in self._weights.items()
-        }
+    def terms(self, state: RewardState) -> dict[str, Floats]:
+        """Return rewards times nonzero weights [N]."""
+        return {name: weight * REWARDS[name](state) for name, weight in self._weights.items()}
 
     def total(self, terms: dict[str, Floats]) -> Floats:
         """Return the sum [N], not below 0 where the config says so."""

@@ -164,10 +164,6 @@ class Robots:
         self.drives = BatchDrives(plant, count, physics.timestep, spread, random)
         spec = build_spec(armature=0.0, timestep=physics.timestep, contact_sensors=True)
         add_planes(spec, friction=1.0)
-        if physics.contacts == 'feet_and_base':
-            for geom in spec.geoms:
-                if geom.name in _LIMBS or geom.name.endswith('_HIP'):
-                    geom.conaffinity = 0
         # neither changes the motion: one robot is one island, and few of its bodies ever touch
         spec.option.disableflags |= _NEEDLESS
         model = spec.compile()
@@ -216,9 +212,9 @@ class Robots:
         self._ground.follow(self._soles[:, self._sole_ids])
         self._batch.forward(ids=np.sort(ids))
 
-    def push(self, ids: NDArray[np.intp], share: float = 1.0) -> None:
-        """Add random horizontal velocities, a share of the spread's, to robots by index."""
-        most = share * self._spread.push
+    def push(self, ids: NDArray[np.intp]) -> None:
+        """Add random horizontal velocities to robots by index."""
+        most = self._spread.push
         self._qvel[ids, :2] += self._random.uniform(-most, most, (len(ids), 2))
 
     def step(self, targets: Floats) -> RobotMotion:

@@ -8,9 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.policies.blended_network import network_of
 from policy_runner.policies.by_name import learned_folder
 from policy_runner.policies.folder import read_folder
+from policy_runner.policies.network import Perceptron
 from policy_runner.policies.trot import TROTS
 from power_estimator.model import PowerModel
 from rich.console import Console
@@ -288,6 +288,6 @@ def _robustness(source: str, options: argparse.Namespace) -> RobustnessResult | 
     if source in TROTS or Path(source).is_file():
         return None
     contract, tensors = read_folder(learned_folder(source))
-    network = network_of(contract, tensors)
+    network = Perceptron(tensors, contract.network.activation)
     config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed, plant=options.plant)
     return evaluate_robustness(contract, network, config, threads=options.threads)

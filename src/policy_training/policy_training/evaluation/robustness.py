@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.policies.blended_network import Network
 from policy_runner.policies.folder import Contract
+from policy_runner.policies.network import Network
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
@@ -31,7 +31,7 @@ class RobustnessConfig:
     lateral: float = 0.6
     yaw: float = 1.0
     seed: int = 1001
-    plant: str = 'anymal_c'
+    plant: str = 'anymal_c_published'
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -97,7 +97,7 @@ def evaluate_robustness(
 
 
 def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
-    """Return the config of the robots: rough ground, full noise, a push every 7 s."""
+    """Return the config of the robots: rough ground, wide spreads, a push every 7 s."""
     return TrainingConfig().with_values(
         {
             'seed': config.seed,
@@ -108,12 +108,18 @@ def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
             'commands.forward': config.forward,
             'commands.lateral': config.lateral,
             'commands.yaw': config.yaw,
-            'commands.ramp_from': 1.0,
-            'commands.ramp_steps': 0.0,
+            'commands.standing': 0.1,
+            'commands.single': 0.3,
+            'physics.noise': 0.02,
+            'physics.slope': 0.02,
             'random.push_period': 7.0,
             'random.resting': 0.0,
-            'noise.least': 1.0,
-            'noise.clean': 0.0,
+            'random.delay': 0.015,
+            'random.stiffness': 0.1,
+            'random.drive_friction': 0.3,
+            'random.inertia': 0.2,
+            'random.torque_loop': 0.0,
+            'random.output': 0.0,
         }
     )
 

@@ -67,15 +67,6 @@ def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     return Learner(config, environment, device)
 
 
-def imitate_expert(learner: Learner) -> None:
-    """Learn the config's scripted gait, with progress on stderr."""
-    console = Console(stderr=True)
-    with Progress(console=console) as bar:
-        task = bar.add_task(f'imitation of {learner.config.imitation.gait}', total=1.0)
-        error = learner.imitate_expert(lambda share: bar.update(task, completed=share))
-    console.print(f'RMS error of the actions: {error:.2f}')
-
-
 def train(
     learner: Learner,
     folder: RunFolder,
@@ -113,7 +104,7 @@ def train(
     rows = folder.curves()
     export_policy(
         folder.policy,
-        learner.chosen_layers(),
+        learner.actor_layers(),
         config,
         learner.environment.observation,
         {
