@@ -39,6 +39,12 @@ class CommandRange:
                 f'weights are {self.weights!r}; they must be 0 or more, and not all 0'
             )
 
+    @classmethod
+    def up_to(cls, fastest: Sequence[float]) -> 'CommandRange':
+        """Return a range up to vx (both ways), vy in m/s and yaw rate in rad/s [3]."""
+        vx, vy, yaw = fastest
+        return cls(forward=vx, backward=vx, lateral=vy, yaw=yaw)
+
 
 class SteadyCommand:
     """Constant (vx, vy, yaw rate) after a second of standing and a ramp of a second."""

@@ -97,6 +97,7 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
         metavar='POLICY',
         help='of the set paper: policies that each walk all of it, by name or folder (trot)',
     )
+    add('--fastest', metavar='VX,VY,YAW', help='of its random commands (0.6,0.35,0.7)')
     add_workplace(parser, 'recordings')
     options = parser.parse_args(own_arguments(args))
     options.place = Workplace.of(options)
@@ -104,7 +105,21 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
         raise InputError('--plan FILE.yaml belongs to the set ageing; give both or neither')
     if options.set != 'paper' and options.controllers != ['trot']:
         raise InputError(f'--controllers belongs to the set paper; {options.set} has its own')
+    if options.fastest is not None:
+        if options.set != 'paper':
+            raise InputError(f'--fastest belongs to the set paper; {options.set} has its own')
+        options.fastest = _three(options.fastest)
     return options
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    try:
+        vx, vy, yaw = (float(part) for part in text.split(','))
+    except ValueError:
+        raise InputError(
+            f'--fastest is {text!r}; give VX,VY,YAW in m/s and rad/s, such as 1,1,1.5'
+        ) from None
+    return vx, vy, yaw
 
 
 _SIM = """\

@@ -34,14 +34,19 @@ class RecordingPlan:
     unit: int | None = None
     terrain: str = 'flat'
     pushes: bool = False
+    fastest: tuple[float, float, float] | None = None
 
 
 def plans(
-    which: str, seed: int = SEED, controllers: Sequence[str] = ('trot',)
+    which: str,
+    seed: int = SEED,
+    controllers: Sequence[str] = ('trot',),
+    fastest: tuple[float, float, float] | None = None,
 ) -> tuple[RecordingPlan, ...]:
     """Return the recordings of the set `paper` or `robustness`, with seeds that count up.
 
-    controllers: policies that walk the set `paper`, by name or folder, each all of it.
+    controllers: policies that walk the set `paper`, by name or folder, each all of it. fastest:
+    of its random commands, m/s, m/s, rad/s.
     """
     if which == 'paper':
         alone = len(controllers) == 1
@@ -53,6 +58,7 @@ def plans(
                 controller,
                 terrain='rough',
                 pushes=True,
+                fastest=fastest,
             )
             for number, (name, controller) in enumerate(by_short_name(controllers).items())
             for i, kind in enumerate(JOINT_TYPES)
@@ -85,6 +91,10 @@ def record(
         raise InputError(f'--seconds is {seconds:g}; it must lie in {_SHORTEST:g}..{_LONGEST:g}')
     bag = folder / plan.name
     content = {**asdict(plan), 'drives': list(plan.drives)}
+    if plan.fastest is None:
+        del content['fastest']  # older recordings do not have it
+    else:
+        content['fastest'] = list(plan.fastest)
     wanted = {'plan': content, 'seconds': seconds, 'plant': plant}
     if (bag / FILE).exists():
         found = Card.load(bag).other
@@ -107,6 +117,7 @@ def record(
         terrain=plan.terrain,
         pushes=plan.pushes,
         drives=plan.drives,
+        fastest=plan.fastest,
         overwrite=True,
         progress=progress,
     )
@@ -132,7 +143,7 @@ def run(options: argparse.Namespace) -> int:
         return _age(options)
     place = options.place
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
-    wanted = plans(options.set, options.seed, options.controllers)
+    wanted = plans(options.set, options.seed, options.controllers, options.fastest)
     made_of = partial(
         record,
         folder=options.output.absolute(),

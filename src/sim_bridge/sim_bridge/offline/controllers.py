@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from policy_runner.policies.by_name import POLICIES, Policy, load_policy
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
+from policy_runner.policies.velocity_commands import CommandRange, RandomCommands, SteadyCommand
 from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
@@ -139,15 +139,25 @@ class StandController:
 
 
 def make_controller(
-    name: str, seed: int, velocity: Sequence[float] | None = None, *, trust_code: bool = False
+    name: str,
+    seed: int,
+    velocity: Sequence[float] | None = None,
+    *,
+    fastest: Sequence[float] | None = None,
+    trust_code: bool = False,
 ) -> Controller:
     """Make a controller by name, or by a policy's folder; InputError for one that is not there.
 
     velocity: vx, vy in m/s, yaw rate in rad/s to hold; random ones from the seed if None.
-    trust_code: run a TorchScript file.
+    fastest: of the random ones, those of `CommandRange` if None. trust_code: run a TorchScript
+    file.
     """
     try:
-        commands = RandomCommands(seed) if velocity is None else SteadyCommand(velocity)
+        if velocity is None:
+            span = CommandRange() if fastest is None else CommandRange.up_to(fastest)
+            commands: Callable[[float], Floats] = RandomCommands(seed, span)
+        else:
+            commands = SteadyCommand(velocity)
     except ValueError as error:
         raise InputError(str(error)) from None
     if name == 'stand':

@@ -188,6 +188,7 @@ class WalkOptions(TypedDict, total=False):
     pushes: bool
     drives: Sequence[str] | None
     velocity: Sequence[float] | None
+    fastest: Sequence[float] | None
     trust_code: bool
     payload: float
 
@@ -199,8 +200,8 @@ def walking_run(
 
     controller: name or folder of a policy, or `stand`; `trot` if absent. terrain: flat (if absent)
     or rough. pushes: every few seconds. drives: those whose power is metered, all if absent.
-    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if absent. trust_code: run a
-    TorchScript file as controller. payload: on the base, kg.
+    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if absent. fastest: of the
+    random ones. trust_code: run a TorchScript file as controller. payload: on the base, kg.
     """
     terrain = options.get('terrain', 'flat')
     if terrain not in TERRAINS:
@@ -211,6 +212,7 @@ def walking_run(
         options.get('controller', 'trot'),
         max(seed, 0),
         options.get('velocity'),
+        fastest=options.get('fastest'),
         trust_code=options.get('trust_code', False),
     )
     return OfflineRun(
