@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 from policy_training.evaluation.tasks import TASKS
 
 _EVALUATE = """\
-A policy is a name (baseline, economy, trot, …), a policy folder or a training run.
+A policy is a name (baseline, pmp, economy, trot, …), a policy folder or a training run.
 
 examples:
   ros2 run policy_training evaluate --policies baseline pmp --report policies.html
@@ -67,7 +67,7 @@ def evaluate(parser: ArgumentParser, args: Arguments) -> Namespace:
 
 
 _EXPORT = """\
-POLICY is a shipped one (baseline, economy, pmp, …), a policy folder or a training run.
+POLICY is a shipped one (baseline, pmp, economy), a policy folder or a training run.
 FILE.yaml beside FILE.pt is its contract: what the observation holds, in which scale and order,
 joints, default pose, action scale, gains and rate.
 
@@ -92,9 +92,9 @@ def export(parser: ArgumentParser, args: Arguments) -> Namespace:
 
 _TRAIN = """\
 examples:
-  ros2 run policy_training train --config baseline --steps 250e3 -o runs/first
-  ros2 run policy_training train --config baseline --from runs/first -o runs/baseline
-  ros2 run policy_training train --config pmp --from runs/first --power ppn:RUN -o runs/pmp
+  ros2 run policy_training train --config baseline --steps 50e6 -o runs/start
+  ros2 run policy_training train --config baseline --from runs/start --steps 30e6 -o runs/baseline
+  ros2 run policy_training train --config pmp --from runs/start --power ppn:RUN -o runs/pmp
   ros2 run policy_training train --resume -o runs/pmp
   tensorboard --logdir runs
 """
@@ -107,7 +107,7 @@ examples:
 )
 def train(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
-    add('--config', default='baseline', help='file, or a shipped one: baseline, pmp, …')
+    add('--config', default='baseline', help='file, or a shipped one: baseline, pmp, economy')
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
     add('--resume', action='store_true', help='go on with the run in that folder')
     add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")

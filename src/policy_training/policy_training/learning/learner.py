@@ -88,7 +88,7 @@ class Learner:
         self._observations = self._torch_environment.get_observations()
 
     def take_networks(self, state: dict[str, Any]) -> None:
-        """Start from the networks of another run, with the exploration of the config.
+        """Start from the networks of another run, with its exploration, at most the config's.
 
         InputError for another observation or other sizes; commands may be rate-limited otherwise,
         which changes what the robots are told and not what the networks take.
@@ -98,7 +98,7 @@ class Learner:
         own = self.ppo.critic.state_dict()
         if any(own[key].shape != value.shape for key, value in state['critic_state_dict'].items()):
             raise InputError('the networks of that run have other sizes than this one; begin anew')
-        actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
+        actor[_STD] = actor[_STD].clamp_max(self.config.ppo.std)
         self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
 
     def _check_observation(self, state: dict[str, Any], but: Sequence[str] = ()) -> None:

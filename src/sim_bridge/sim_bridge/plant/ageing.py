@@ -81,7 +81,7 @@ class HistoryDay:
     day: Annotated[float, Quantity(0.0, _LONGEST, 'days', 'since the start')]
     temperature: Annotated[float, Quantity(-40.0, 60.0, '°C', 'air around the drives')] = 25.0
     terrain: Literal['flat', 'rough'] = 'flat'
-    controller: Literal['trot', 'trot_slow', 'trot_high', 'trot_even', 'stand'] = 'trot'
+    controller: Literal['trot', 'trot_slow', 'trot_high', 'stand'] = 'trot'
     payload: Annotated[float, Quantity(0.0, 50.0, 'kg')] = 0.0
 
 
