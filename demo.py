@@ -28,6 +28,7 @@ from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_p
 ROOT = Path(__file__).resolve().parent
 DOMAIN = '83'
 SAVING = ('baseline', 'economy')  # policies, before and after
+PLANT = 'anymal_c_published'  # on which they were trained
 BAR = 40  # characters, of the largest error
 PROXIES = (
     'torque_squared',
@@ -85,10 +86,10 @@ class Demo:
         bag = self.output / name
         with tempfile.TemporaryDirectory(prefix='wattwalk') as folder, ExitStack() as stack:
             bus = ['-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
-            seeded = ['-p', f'seed:={seed}', '-p', 'reset_after_fall:=1.0']
+            own = ('-p', f'plant:={PLANT}', '-p', f'seed:={seed}', '-p', 'reset_after_fall:=1.0')
             start = stack.enter_context
             nodes = [
-                start(self.node(name, 'sim_bridge', 'sim', '--ros-args', *bus, *seeded)),
+                start(self.node(name, 'sim_bridge', 'sim', '--ros-args', *bus, *own)),
                 start(self.node(name, 'power_daq', 'daq', '--ros-args', *bus)),
             ]
             if model is not None:
@@ -136,6 +137,8 @@ class Demo:
                         'sim',
                         '--offline',
                         '--pushes',
+                        '--plant',
+                        PLANT,
                         '--controller',
                         policy,
                         '--seed',
@@ -196,7 +199,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     demo.title('6/8  Policies that save, at the same speeds: how much, and where?')
     page = demo.output / 'policies.html'
     demo.run(
-        *('policy_training', 'evaluate', '--policies', *SAVING, 'economy_clockless'),
+        *('policy_training', 'evaluate', '--policies', 'baseline', 'pmp', 'economy'),
         *('--tasks', 'forward', 'turn', '--trials', '0', '--models', f'ppn:{network}'),
         *('--report', page),
     )

@@ -1,8 +1,7 @@
 """Savings of the paper's pair on other actuators: `python bench/actuators.py [--policies A B]`.
 
-Rows but the last three change one thing of the plant `anymal_c`. The last is `anymal_c_published`,
-the one before it the same without a torque loop. Nothing is trained again. Walks of `evaluate`, on
-what the sensors read. Cells: change of the supply and of KFE, mean over seeds, and in brackets
+Rows change one thing of the plant `anymal_c_published`. Nothing is trained again. Walks of
+`evaluate`, on what the sensors read. Cells: change of the supply and of KFE, mean over seeds, and in brackets
 the seeds with which both walk as asked and how far apart their speeds are at most.
 """
 
@@ -20,24 +19,20 @@ from sim_bridge.plant.parameters import Plant
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 
-PAIR: Final = ('paper_baseline', 'paper_pmp')
+PAIR: Final = ('baseline', 'pmp')
+PLANT: Final = 'anymal_c_published'
 
 
 def changed(**drives: float) -> Plant:
-    """Return the plant `anymal_c` with parameters of all its drives set, as `viscous=4.9`."""
-    plant = Plant.load('anymal_c')
+    """Return the plant of the pair with parameters of all its drives set, as `spring_damping=2.5`."""
+    plant = Plant.load(PLANT)
     types = {kind: replace(drive, **drives) for kind, drive in plant.drive_types.items()}
     return replace(plant, drive_types=types)
 
 
-def looped(bandwidth: float, **drives: float) -> Plant:
-    """Return the plant `anymal_c` with a torque loop, Hz, and parameters as `changed` has them."""
-    return changed(loop_bandwidth=bandwidth, **drives).with_effects(torque_loop=True)
-
-
 def open_loop() -> Plant:
-    """Return the plant `anymal_c_published` without its loop: what is published is the rotor's."""
-    plant = Plant.load('anymal_c_published').with_effects(torque_loop=False)
+    """Return the plant without its torque loop: what is published then acts on the rotor."""
+    plant = Plant.load(PLANT).with_effects(torque_loop=False)
     types = {
         kind: replace(d, viscous=d.output_viscous, output_viscous=0.0, output_inertia=0.0)
         for kind, d in plant.drive_types.items()
@@ -47,17 +42,18 @@ def open_loop() -> Plant:
 
 def plants() -> Mapping[str, Plant]:
     """Return the plants of the rows, by what each changes."""
+    plant = Plant.load(PLANT)
     return {
-        'nothing': Plant.load('anymal_c'),
-        'no spring': Plant.load('anymal_c').with_effects(spring=False),
-        'viscous friction 4.9 N·m·s/rad': changed(viscous=4.9),
-        'spring 181 N·m/rad': changed(spring_stiffness=181.0),
-        'delay 7.5 ms': replace(Plant.load('anymal_c'), command_delay=0.0075),
-        'torque ripple': Plant.load('anymal_c').with_effects(torque_ripple=True),
-        **{f'torque loop, {hertz:g} Hz': looped(hertz) for hertz in (15.0, 20.0, 30.0, 50.0)},
-        'torque loop, 30 Hz, spring 181 N·m/rad': looped(30.0, spring_stiffness=181.0),
-        'published figures, no torque loop': open_loop(),
-        'published figures, 30 Hz (`anymal_c_published`)': Plant.load('anymal_c_published'),
+        'nothing': plant,
+        'no torque loop': open_loop(),
+        **{f'torque loop, {hertz:g} Hz': changed(loop_bandwidth=hertz) for hertz in (20.0, 50.0)},
+        'spring 400 N·m/rad': changed(spring_stiffness=400.0),
+        'no viscous friction': changed(output_viscous=0.0),
+        'no dry friction': plant.with_effects(coulomb_friction=False),
+        'no delay': replace(plant, command_delay=0.0),
+        'no torque ripple': plant.with_effects(torque_ripple=False),
+        'no braking into the supply': plant.with_effects(regeneration_efficiency=0.0),
+        '`anymal_c`': Plant.load('anymal_c'),
     }
 
 

@@ -13,7 +13,7 @@ from sim_bridge.offline.run import simulate_recording, walking_run
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.command import command
 
-STRIDES = 10 / 1.7  # s, ten strides of the shipped policies: a loop
+STRIDES = 10 / 1.9  # s, ten strides of the trot: a loop
 
 
 @command
@@ -21,7 +21,7 @@ def main(args: Sequence[str] | None = None) -> None:
     """Write the picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='F.webp')
-    parser.add_argument('--policy', default='pmp', help='that walks (pmp)')
+    parser.add_argument('--policy', default='trot', help='that walks (trot)')
     parser.add_argument('--model', default='ppn:bags/ppn_small')
     options = parser.parse_args(args)
     clip = Clip(start=4.0, seconds=STRIDES, frames=96)

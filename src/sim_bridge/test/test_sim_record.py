@@ -31,7 +31,7 @@ def test_the_papers_set_meters_one_drive_of_each_type_on_rough_ground_with_pushe
 
 
 def test_each_policy_walks_the_papers_set_by_seeds_of_its_own(tmp_path, capsys):
-    folder, policies = tmp_path / 'paper', ['trot', 'paper_pmp']
+    folder, policies = tmp_path / 'paper', ['trot', 'pmp']
     arguments = ['paper', '-o', str(folder), '--seconds', '1', '--controllers', *policies]
     assert record_command(arguments) == 0
     cards = {bag.name: Recording.open(bag).card for bag in folder.iterdir()}
