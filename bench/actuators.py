@@ -1,8 +1,8 @@
 """Savings of the paper's pair on other actuators: `python bench/actuators.py [--policies A B]`.
 
 Rows change one thing of the plant `anymal_c_published`. Nothing is trained again. Walks of
-`evaluate`, on what the sensors read. Cells: change of the supply and of KFE, mean over seeds, and in brackets
-the seeds with which both walk as asked and how far apart their speeds are at most.
+`evaluate`, on what the sensors read. Cells: change of the supply and of KFE, mean over seeds, and
+in brackets the seeds with which both walk as asked and how far apart their speeds are at most.
 """
 
 import argparse
@@ -24,7 +24,7 @@ PLANT: Final = 'anymal_c_published'
 
 
 def changed(**drives: float) -> Plant:
-    """Return the plant of the pair with parameters of all its drives set, as `spring_damping=2.5`."""
+    """Return the plant with parameters of all its drives set, as `loop_bandwidth=50.0`."""
     plant = Plant.load(PLANT)
     types = {kind: replace(drive, **drives) for kind, drive in plant.drive_types.items()}
     return replace(plant, drive_types=types)
