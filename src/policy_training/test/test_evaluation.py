@@ -152,6 +152,8 @@ def test_errors_of_trials_are_those_of_settled_walking():
 def test_a_fall_or_a_large_error_is_not_following():
     assert not judged((0.0, 0.0, 0.0), fell_at=100).following
     assert judged((0.0, 0.0, 0.0), fell_at=100).falls == 1
+    one = judged((0.0, 0.0, 0.0), fell_at=100)
+    assert one.fell_95[0] < 1.0 / one.robots < one.fell_95[1]
     assert not judged((0.2, 0.0, 0.0)).following
     assert not judged((0.0, 0.0, 0.25)).following
 

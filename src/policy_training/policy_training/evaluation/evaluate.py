@@ -50,7 +50,8 @@ def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> 
         how = ', '.join(f'{key} {found["mean_error"][key]:.2f}' for key in _AXES)
         says = 'follows its commands' if found['following'] else 'does not follow its commands'
         sentences.append(
-            f'{name} {says}: {found["falls"]} falls in {found["robots"]} × '
+            f'{name} {says}: {found["falls"]} of {found["robots"]} robots fell '
+            f'({100 * found["fell_95"][0]:.1f} … {100 * found["fell_95"][1]:.1f} %) in '
             f'{found["seconds"]:.0f} s on rough ground with pushes; off by {how} on average.'
         )
     return sentences

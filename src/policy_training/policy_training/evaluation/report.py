@@ -260,10 +260,11 @@ def write_report(
         page.heading('Robustness on rough ground, with pushes and changing commands')
         _table(
             page,
-            ('policy', 'follows', 'robots', 'falls', *_AXES.values()),
+            ('policy', 'follows', 'robots', 'fell', '95 %', *_AXES.values()),
             [
                 (
                     *(name, 'yes' if t['following'] else 'no', t['robots'], t['falls']),
+                    ' … '.join(f'{100 * share:.1f}' for share in t['fell_95']) + ' %',
                     *map(t['mean_error'].get, _AXES),
                 )
                 for name, t in result['trials'].items()

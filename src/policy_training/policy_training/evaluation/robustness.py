@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.folder import Contract
 from policy_runner.policies.network import Network
+from scipy.stats import binomtest
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
@@ -47,7 +48,8 @@ class RobustnessResult:
 
     robots: int
     seconds: float
-    falls: int
+    falls: int  # robots that fell
+    fell_95: tuple[float, float]  # share, 95 % interval (Wilson)
     mean_error: dict[str, float]  # vx, vy m/s, yaw rad/s
     error_95: dict[str, float]
     following: bool  # no falls, and mean errors within 0.15 m/s and 0.2 rad/s
@@ -163,11 +165,13 @@ def _judge(
     size = np.abs(np.array(errors)) if errors else np.full((1, 3), np.nan)
     names = ('vx', 'vy', 'yaw')
     mean, high = size.mean(axis=0), np.quantile(size, 0.95, axis=0)
-    falls = int(fell.sum())
+    falls = int(fell.any(axis=0).sum())
+    chance = binomtest(falls, config.robots).proportion_ci(method='wilson')
     return RobustnessResult(
         robots=config.robots,
         seconds=config.seconds,
         falls=falls,
+        fell_95=(float(chance.low), float(chance.high)),
         mean_error=dict(zip(names, map(float, mean), strict=True)),
         error_95=dict(zip(names, map(float, high), strict=True)),
         following=falls == 0 and bool((mean <= LIMITS).all()),
