@@ -1,10 +1,8 @@
 """Compiled legs are those of the same functions that Python interprets."""
 
-from dataclasses import fields
-
 import numpy as np
 from policy_runner.policies import kinematics, leg_steps
-from policy_runner.policies.trot_gait import Feedback
+from policy_runner.policies.trot_gait import Feedback, stance_torque
 from wattwalk_core.anymal import DEFAULT_POSE
 
 
@@ -15,20 +13,22 @@ def legs(count=20):
     moved = kinematics.inverse(state.feet + random.normal(0, 0.05, state.feet.shape))
     gravity = random.normal(0, 0.1, (count, 3)) - (0.0, 0.0, 1.0)
     weight = kinematics.leg_weight_torque(state.angles, gravity)
-    feedback = Feedback()
-    gains = {item.name: np.full(count, getattr(feedback, item.name)) for item in fields(feedback)}
     load = np.clip(random.uniform(-0.5, 1.5, (count, 4)), 0.0, 1.0)
     load[0] = 0.0
-    torque = kinematics.stance_torque(
-        gains,
-        state,
-        load,
-        height=np.full(count, 0.5),
-        gravity=gravity,
-        spin=random.normal(0, 0.3, (count, 3)),
-        velocity_error=random.normal(0, 0.3, (count, 3)),
-    )
-    return state.feet, state.jacobian, moved, weight, torque
+    spin, error = random.normal(0, 0.3, (2, count, 3))
+    torque = [
+        stance_torque(
+            Feedback(),
+            kinematics.LegState(state.angles[n], state.feet[n], state.jacobian[n]),
+            load[n],
+            height=0.5,
+            gravity=gravity[n],
+            spin=spin[n],
+            velocity_error=error[n],
+        )
+        for n in range(count)
+    ]
+    return state.feet, state.jacobian, moved, weight, np.array(torque)
 
 
 def test_compiled_and_interpreted_legs_differ_by_rounding_alone(monkeypatch):

@@ -1,9 +1,7 @@
-from dataclasses import asdict
-
 import numpy as np
 import pytest
-from policy_runner.policies.kinematics import forward, stance_torque
-from policy_runner.policies.trot_gait import Feedback
+from policy_runner.policies.kinematics import forward
+from policy_runner.policies.trot_gait import Feedback, stance_torque
 from wattwalk_core.anymal import DEFAULT_POSE, FOOT_RADIUS
 
 LEVEL = np.array([0.0, 0.0, -1.0])
@@ -14,14 +12,14 @@ WEIGHT = 52.135 * 9.81
 
 def forces(load=(1, 1, 1, 1), gravity=LEVEL, error=(0, 0, 0), height=HEIGHT, spin=(0, 0, 0)):
     torque = stance_torque(
-        {name: np.array([gain]) for name, gain in asdict(Feedback()).items()},
-        forward(DEFAULT_POSE[None]),
-        np.array([load], dtype=float),
-        height=np.array([height]),
-        gravity=np.asarray(gravity)[None],
-        spin=np.array([spin], dtype=float),
-        velocity_error=np.array([error], dtype=float),
-    )[0]
+        Feedback(),
+        forward(DEFAULT_POSE),
+        np.array(load, dtype=float),
+        height=height,
+        gravity=np.asarray(gravity),
+        spin=np.array(spin, dtype=float),
+        velocity_error=np.array(error, dtype=float),
+    )
     return np.array([np.linalg.solve(-LEGS.jacobian[leg].T, torque[leg]) for leg in range(4)])
 
 

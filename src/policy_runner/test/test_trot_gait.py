@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from policy_runner.policies.kinematics import forward, inverse
@@ -8,7 +6,6 @@ from policy_runner.policies.trot import (
     TROTS,
     Feedback,
     ScriptedTrot,
-    ScriptedTrots,
     TrotConfig,
 )
 from policy_runner.policies.trot_gait import GaitCycle
@@ -36,13 +33,12 @@ def walking_cycle(seconds, config=TROTS['trot']):
     swinging = []
     for _ in range(round(seconds / 0.005)):
         advance(cycle, config, requested=True, settled=True)
-        swinging.append(cycle.swinging[0].copy())
+        swinging.append(cycle.swinging.copy())
     return np.array(swinging)
 
 
 def advance(cycle, config, *, requested, settled):
-    shape = (np.array([value]) for value in (0.005, config.frequency, config.duty))
-    cycle.advance(*shape, requested=np.array([requested]), settled=np.array([settled]))
+    cycle.advance(0.005, config.frequency, config.duty, requested=requested, settled=settled)
 
 
 def test_diagonal_feet_swing_together_and_the_pairs_take_turns():
@@ -67,8 +63,8 @@ def test_it_stops_stepping_only_with_all_feet_down_and_everything_settled():
         advance(cycle, config, requested=True, settled=True)
     for _ in range(400):
         advance(cycle, config, requested=False, settled=False)
-    assert cycle.walking[0]
-    while cycle.walking[0]:
+    assert cycle.walking
+    while cycle.walking:
         down = ~cycle.swinging
         advance(cycle, config, requested=False, settled=True)
     assert down.sum() >= 2
@@ -141,27 +137,6 @@ def test_a_push_to_the_left_moves_the_coming_footholds_to_the_left():
         return np.max(sides, axis=0)
 
     assert np.all(highest_side([0, 0.6, 0]) > highest_side([0, 0, 0]) + 0.02)
-
-
-def test_robots_side_by_side_walk_as_each_does_alone():
-    random = np.random.default_rng(3)
-    configs = [*TROTS.values(), replace(TROTS['trot'], foot_y=0.34, height=0.48)]
-    count = len(configs)
-    together, alone = ScriptedTrots(configs), [ScriptedTrot(config) for config in configs]
-    for k in range(1200):
-        if k == 700:
-            together.reset(np.array([1]))
-            alone[1].reset()
-        inputs = [
-            np.tile([0.5, 0.1, 0.3], (count, 1)) * (k < 900),
-            DEFAULT_POSE + random.normal(0, 0.02, (count, 12)),
-            LEVEL + random.normal(0, 0.03, (count, 3)),
-            random.normal(0, 0.1, (count, 3)),
-            random.normal([0.5, 0.1, 0.0], 0.3, (count, 3)),
-        ]
-        found = together.step(0.005 * k, *inputs)
-        expected = [trot.step(0.005 * k, *(x[i] for x in inputs)) for i, trot in enumerate(alone)]
-        np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_targets_stay_finite_and_in_range_for_wild_inputs():

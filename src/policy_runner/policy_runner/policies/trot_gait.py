@@ -1,4 +1,4 @@
-"""Configuration and gait cycle of the scripted trot."""
+"""Configuration, stance torques and gait cycle of the scripted trot."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,12 +7,11 @@ from types import MappingProxyType
 from typing import Annotated, Final
 
 import numpy as np
-from numpy.typing import NDArray
-from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT
-from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.anymal import FOOT_RADIUS, FRONT, GRAVITY, LEFT, ROBOT_MASS
+from wattwalk_core.arrays import Floats
 from wattwalk_core.schema import Quantity, check_quantities
 
-from policy_runner.policies.kinematics import clipped
+from policy_runner.policies.kinematics import LegState, clipped
 
 _OFFSETS: Final = np.array([0.0, 0.5, 0.5, 0.0])
 _SHIFT_WEIGHT: Final = 0.06
@@ -89,58 +88,83 @@ TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
 """Gaits by name, which load the drives differently."""
 
 
+def stance_torque(
+    gains: Feedback,
+    legs: LegState,
+    load: Floats,
+    *,
+    height: float,
+    gravity: Floats,
+    spin: Floats,
+    velocity_error: Floats,
+) -> Floats:
+    """Return joint torques of the stance legs, N·m [4, 3].
+
+    Normal forces are the least-squares ones that give weight, height and levelling together;
+    horizontal ones are in proportion to them. load: share of the weight that each foot may bear
+    [4]. height: commanded, m. gravity: unit vector in the base's frame [3]. spin: rad/s [3].
+    velocity_error: commanded minus measured vx, vy, yaw rate [3].
+    """
+    from policy_runner.policies.leg_steps import stance_steps  # compiled: numba is slow to import
+
+    g = gains
+    torque = np.empty((1, 4, 3))
+    stance_steps(
+        np.array([[g.height], [g.tilt], [g.tilt_rate], [g.velocity], [g.yaw], [height]]),
+        ROBOT_MASS * GRAVITY,
+        FOOT_RADIUS,
+        legs.feet[None],
+        legs.jacobian[None],
+        np.array(load, np.float64)[None],
+        np.array(gravity, np.float64)[None],
+        np.array(spin, np.float64)[None],
+        np.array(velocity_error, np.float64)[None],
+        torque,
+    )
+    return torque[0]
+
+
 class GaitCycle:
-    """Gait cycle of N robots that trot: walking or standing, and the phase of each foot."""
+    """Gait cycle of a trot: walking or standing, and the phase of each foot."""
 
-    def __init__(self, count: int = 1) -> None:
-        self.walking = np.zeros(count, bool)
-        self.stride = np.zeros(count)
+    def __init__(self) -> None:
+        self.walking = False
+        self.stride = 0.0
         """Phase of the first pair of legs, 0..1; the second pair is half a stride ahead."""
-        self.phase = np.zeros((count, 4))  # share of the stride since touchdown
-        self.swinging = np.zeros((count, 4), bool)
-        self.load = np.ones((count, 4))  # share of the weight that a foot may bear, 0..1
-        self._settled_time = np.zeros(count)
-        self._duty = np.full(count, 0.5)
-
-    def reset(self, ids: NDArray[np.intp]) -> None:
-        """Reset the robots of these indices to standing."""
-        self.walking[ids] = False
-        self.stride[ids] = 0.0
-        self.phase[ids] = 0.0
-        self.swinging[ids] = False
-        self.load[ids] = 1.0
-        self._settled_time[ids] = 0.0
+        self.phase = np.zeros(4)  # share of the stride since touchdown
+        self.swinging = np.zeros(4, bool)
+        self.load = np.ones(4)  # share of the weight that a foot may bear, 0..1
+        self._settled_time = 0.0
+        self._duty = 0.5
 
     @property
     def swing_progress(self) -> Floats:
-        """Completed share of the swing [N, 4], of swinging feet."""
-        duty = self._duty[:, None]
-        return np.asarray((self.phase - duty) / (1.0 - duty))
+        """Completed share of the swing [4], of swinging feet."""
+        return (self.phase - self._duty) / (1.0 - self._duty)
 
     def advance(
-        self, dt: Floats, frequency: Floats, duty: Floats, *, requested: Bools, settled: Bools
+        self, dt: float, frequency: float, duty: float, *, requested: bool, settled: bool
     ) -> None:
-        """Advance by dt s at a stride frequency, Hz, and a duty [N].
+        """Advance by dt s at a stride frequency, Hz, and a duty.
 
         requested: a command or a disturbance calls for steps. settled: body and feet are where
-        they should be, so that standing is safe [N]. Walking ends with all feet down, after half a
+        they should be, so that standing is safe. Walking ends with all feet down, after half a
         settled stride.
         """
         self._duty = duty
-        going, begins = self.walking, ~self.walking & requested
-        before = self.stride
-        after = (before + frequency * dt) % 1.0
-        quiet = settled & ~requested
-        time = np.where(quiet, self._settled_time + dt, 0.0)
-        touchdown = after % 0.5 < before % 0.5
-        ends = going & touchdown & (time > 0.5 / frequency)
-        self.stride = np.where(going, after, np.where(begins, 0.0, before))
-        self._settled_time = np.where(going, time, np.where(begins, 0.0, self._settled_time))
-        self.walking = (going | begins) & ~ends
-        walking = self.walking[:, None]
-        self.phase = np.where(walking, (self.stride[:, None] + _OFFSETS) % 1.0, 0.0)
-        self.swinging = walking & (self.phase >= duty[:, None])
-        border = np.minimum(self.phase, duty[:, None] - self.phase) / _SHIFT_WEIGHT
-        load = np.where(walking, clipped(border, 0.0, 1.0), 1.0)
-        self.load = self.load + np.minimum(1.0, dt / 0.015)[:, None] * (load - self.load)
+        if self.walking:
+            before, self.stride = self.stride, (self.stride + frequency * dt) % 1.0
+            quiet = settled and not requested
+            self._settled_time = self._settled_time + dt if quiet else 0.0
+            touchdown = self.stride % 0.5 < before % 0.5
+            self.walking = not (touchdown and self._settled_time > 0.5 / frequency)
+        elif requested:
+            self.walking, self.stride, self._settled_time = True, 0.0, 0.0
+        load: Floats = np.ones(4)
+        self.phase, self.swinging = np.zeros(4), np.zeros(4, bool)
+        if self.walking:
+            self.phase = (self.stride + _OFFSETS) % 1.0
+            self.swinging = self.phase >= duty
+            load = clipped(np.minimum(self.phase, duty - self.phase) / _SHIFT_WEIGHT, 0.0, 1.0)
+        self.load = self.load + min(1.0, dt / 0.015) * (load - self.load)
         self.load[self.swinging] = 0.0
