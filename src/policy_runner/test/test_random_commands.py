@@ -68,7 +68,7 @@ def test_a_held_velocity_stands_for_a_second_and_comes_in_over_another():
     ('arguments', 'words'),
     [
         (['--velocity=fast'], "velocity is 'fast'; expected VX,VY,YAW"),
-        (['--velocity=0.5,0'], 'velocity is 0.5,0; expected VX,VY,YAW within'),
+        (['--velocity=0.5,0'], "velocity is '0.5,0'; expected VX,VY,YAW such as"),
         (['--velocity=1.6,0,0'], 'within ±1.5 m/s'),
         (['--velocity=nan,0,0'], 'within ±1.5 m/s'),
         (['--velocity=1,0,0', '--random-commands'], 'exclude each other'),

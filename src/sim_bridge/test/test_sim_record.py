@@ -40,6 +40,10 @@ def test_each_policy_walks_the_papers_set_by_seeds_of_its_own(tmp_path, capsys):
     assert {cards[f'KFE_{name}'].controller for name in policies} == set(policies)
     assert len({card.seed for card in cards.values()}) == 6
     capsys.readouterr()
+    assert record_command([*arguments, '--fastest', '1,1']) == 2
+    assert "--fastest is '1,1'; expected VX,VY,YAW" in capsys.readouterr().err
+    assert record_command([*arguments, '--fastest', '1,1,1.5']) == 2
+    assert 'was recorded with plan' in capsys.readouterr().err
     assert record_command(['robustness', '-o', str(folder), '--controllers', 'pmp']) == 2
     assert '--controllers belongs to the set paper' in capsys.readouterr().err
 

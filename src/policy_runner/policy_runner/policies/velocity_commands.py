@@ -46,6 +46,15 @@ class CommandRange:
         return cls(forward=vx, backward=vx, lateral=vy, yaw=yaw)
 
 
+def parse_velocity(text: str, option: str = 'velocity') -> tuple[float, float, float]:
+    """Return vx, vy in m/s and yaw rate in rad/s of VX,VY,YAW; InputError for anything else."""
+    try:
+        vx, vy, yaw = (float(part) for part in text.split(','))
+    except ValueError:
+        raise InputError(f'{option} is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None
+    return vx, vy, yaw
+
+
 class SteadyCommand:
     """Constant (vx, vy, yaw rate) after a second of standing and a ramp of a second."""
 
@@ -66,11 +75,7 @@ class SteadyCommand:
     @classmethod
     def parse(cls, text: str) -> 'SteadyCommand':
         """Parse VX,VY,YAW; ValueError for anything else."""
-        try:
-            velocity = [float(part) for part in text.split(',')]
-        except ValueError:
-            raise ValueError(f'velocity is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None
-        return cls(velocity)
+        return cls(parse_velocity(text))
 
     def __call__(self, time: float) -> Floats:
         """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""

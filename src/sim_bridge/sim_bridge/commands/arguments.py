@@ -6,6 +6,7 @@ from pathlib import Path
 from drive_bench.motion.file import MOTIONS, listing
 from drive_bench.motion.segments import UNITS
 from policy_runner.policies.by_name import POLICIES
+from policy_runner.policies.velocity_commands import parse_velocity
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import Arguments, entry_point, node_options, own_arguments
 from wattwalk_core.engine.options import Workplace, add_workplace
@@ -108,18 +109,8 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
     if options.fastest is not None:
         if options.set != 'paper':
             raise InputError(f'--fastest belongs to the set paper; {options.set} has its own')
-        options.fastest = _three(options.fastest)
+        options.fastest = parse_velocity(options.fastest, '--fastest')
     return options
-
-
-def _three(text: str) -> tuple[float, float, float]:
-    try:
-        vx, vy, yaw = (float(part) for part in text.split(','))
-    except ValueError:
-        raise InputError(
-            f'--fastest is {text!r}; give VX,VY,YAW in m/s and rad/s, such as 1,1,1.5'
-        ) from None
-    return vx, vy, yaw
 
 
 _SIM = """\

@@ -4,6 +4,7 @@ import argparse
 import gc
 
 from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.velocity_commands import parse_velocity
 from wattwalk_core.errors import InputError
 
 from sim_bridge.offline.run import run_offline
@@ -39,17 +40,11 @@ def _offline(options: argparse.Namespace) -> int:
     names = ('duration', 'seed', 'controller', 'terrain', 'pushes', 'trust_code', 'overwrite')
     given = {name: getattr(options, name) for name in names}
     given['drives'] = None if options.drives is None else tuple(options.drives.split(','))
-    given['velocity'] = _velocity(options.velocity)
+    if options.velocity is not None:
+        given['velocity'] = parse_velocity(options.velocity, '--velocity')
     plant = load_plant(options.plant, options.unit)
     if options.controller != 'stand':
         load_policy(options.controller, trust_code=options.trust_code)
     path = run_offline(options.output, plant=plant, progress=True, **given)
     print(f'wrote {path}')
     return 0
-
-
-def _velocity(text: str | None) -> tuple[float, ...] | None:
-    try:
-        return None if text is None else tuple(float(part) for part in text.split(','))
-    except ValueError:
-        raise InputError(f'--velocity is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None
