@@ -1,6 +1,7 @@
 """Savings of the paper's pair on other actuators: `python bench/actuators.py [--policies A B]`.
 
-Rows change one thing of the plant `anymal_c_published`. Nothing is trained again. Walks of
+Rows change one thing of the plant `anymal_c_published`; the last is another plant. Nothing is
+trained again. Walks of
 `evaluate`, on what the sensors read. Cells: change of the supply and of KFE, mean over seeds, and
 in brackets the seeds with which both walk as asked and how far apart their speeds are at most.
 """
@@ -52,7 +53,7 @@ def plants() -> Mapping[str, Plant]:
         'no dry friction': plant.with_effects(coulomb_friction=False),
         'no delay': replace(plant, command_delay=0.0),
         'no torque ripple': plant.with_effects(torque_ripple=False),
-        'no braking into the supply': plant.with_effects(regeneration_efficiency=0.0),
+        'no braking into the supply': changed(regeneration_efficiency=0.0),
         '`anymal_c`': Plant.load('anymal_c'),
     }
 

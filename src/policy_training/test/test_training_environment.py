@@ -133,6 +133,17 @@ def test_steps_are_due_where_the_command_asks_for_motion(tiny):
     assert environment.walking.tolist() == [True, False, True, False]
 
 
+def test_steps_are_due_while_a_limited_command_crosses_zero_on_its_way(tiny):
+    changes = {'random.push': 0.0, 'command_rate_limit': (1.0, 1.0, 2.0)}
+    environment = WalkingEnvironment(tiny.with_values(changes))
+    environment.age[:] = 0
+    environment.commands.values[:] = [-0.5, 0.0, 0.0]
+    environment.limiter.values[:] = [0.03, 0.0, 0.0]
+    for _ in range(3):  # 0.01, −0.01, −0.03 m/s
+        environment.step(np.zeros((4, 12)))
+        assert environment.walking.all()
+
+
 def test_a_command_comes_gradually_and_velocity_is_judged_by_what_has_come(tiny):
     limits = {'command_rate_limit': (1.0, 1.0, 2.0)}
     still = {'random.velocity': 0.0, 'random.push': 0.0, 'random.pose': 0.0}
@@ -220,14 +231,14 @@ def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
         action = random.normal(0, 0.3, 12)
         image = sign * action[other]
         environment.step(np.stack([action, image, action, image]))
-    seen = environment.observe()
-    joints = seen[0, 12:24]
+    seen, mirrored = environment.observe()[:2]
+    joints = seen[12:24]
     # the base's mass and the legs' products of inertia are not quite symmetric
-    np.testing.assert_allclose(sign * joints[other], seen[1, 12:24], atol=0.05)
-    np.testing.assert_allclose(
-        seen[0, :9] * [1, -1, 1, -1, 1, -1, 1, -1, 1], seen[1, :9], atol=0.05
-    )
-    assert np.abs(joints - seen[1, 12:24]).max() > 0.05
+    for part in (slice(12, 24), slice(24, 36), slice(36, 48)):
+        np.testing.assert_allclose(sign * seen[part][other], mirrored[part], atol=0.05)
+    body = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+    np.testing.assert_allclose(seen[:9] * body, mirrored[:9], atol=0.05)
+    assert np.abs(joints - mirrored[12:24]).max() > 0.05
 
 
 def test_the_state_is_the_observation_without_noise_the_feet_and_the_command_to_come(tiny):

@@ -6,7 +6,7 @@ import torch
 from policy_runner.policies.by_name import load_policy
 from policy_training.commands.arguments import train as main
 from policy_training.config import TrainingConfig
-from policy_training.learning.run_folder import read_checkpoint, read_curves
+from policy_training.learning.run_folder import policy_source, read_checkpoint, read_curves
 
 TINY = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),
@@ -77,6 +77,24 @@ def test_a_run_starts_from_anothers_networks_but_counts_its_own_steps(tmp_path):
     assert reached['steps'] == 48
     exploration = reached['actor_state_dict']['distribution.std_param']
     torch.testing.assert_close(exploration, torch.full((12,), 0.05), atol=1e-3, rtol=0)
+
+
+def test_a_run_that_starts_from_another_explores_no_more_than_that_did(tmp_path):
+    run(tmp_path / 'first', '--set', 'ppo.std=0.3', 'ppo.learning_rate=1e-7')
+    run(tmp_path / 'second', '--from', str(tmp_path / 'first'), '--set', 'ppo.learning_rate=1e-7')
+    exploration = read_checkpoint(tmp_path / 'second')['actor_state_dict'][
+        'distribution.std_param'
+    ]
+    torch.testing.assert_close(exploration, torch.full((12,), 0.3), atol=1e-3, rtol=0)
+
+
+def test_the_policy_of_a_run_is_found_and_names_come_before_folders(tmp_path, monkeypatch):
+    (tmp_path / 'policy').mkdir()
+    assert policy_source(str(tmp_path)) == str(tmp_path / 'policy')
+    assert policy_source(str(tmp_path / 'policy')) == str(tmp_path / 'policy')
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'baseline' / 'policy').mkdir(parents=True)
+    assert policy_source('baseline') == 'baseline'
 
 
 def test_power_by_a_network_is_in_reward_and_curves(tmp_path, network_run):

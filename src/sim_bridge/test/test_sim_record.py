@@ -48,6 +48,22 @@ def test_each_policy_walks_the_papers_set_by_seeds_of_its_own(tmp_path, capsys):
     assert '--controllers belongs to the set paper' in capsys.readouterr().err
 
 
+def test_the_papers_set_may_walk_faster_and_is_kept_as_it_was_recorded(tmp_path, capsys):
+    arguments = ['paper', '-o', str(tmp_path), '--seconds', '12', '--fastest', '0.2,0.9,1.8']
+    assert record_command(arguments) == 0
+    capsys.readouterr()
+    assert record_command(arguments) == 0
+    assert capsys.readouterr().out.count('there already') == 3
+    commands = [
+        np.abs(Recording.open(tmp_path / kind).cmd_vel().velocity)
+        for kind in ('HAA', 'HFE', 'KFE')
+    ]
+    vx, vy, yaw = np.concatenate(commands).max(axis=0)
+    assert vx <= 0.2
+    assert 0.35 < vy <= 0.9
+    assert 0.7 < yaw <= 1.8
+
+
 def test_the_robustness_set_has_other_gaits_and_another_unit(tmp_path, capsys):
     folder = tmp_path / 'set'
     assert record_command(['robustness', '-o', str(folder), '--seconds', '1']) == 0

@@ -21,11 +21,8 @@ class CommandRateLimiter:
         self._limited = bool(np.isfinite(self._limits).all())
         self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
 
-    def advance(self, seconds: float | Floats, commands: Floats) -> Floats:
-        """Advance towards commands [N, 3] and return the limited commands [N, 3].
-
-        seconds: one for all, or [N, 1].
-        """
+    def advance(self, seconds: float, commands: Floats) -> Floats:
+        """Advance towards commands [N, 3] and return the limited commands [N, 3]."""
         if self._limited:
             most = self._limits * seconds
             away = commands - self.values

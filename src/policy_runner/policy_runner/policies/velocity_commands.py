@@ -17,7 +17,8 @@ class CommandRange:
     """Range of random commands; InputError for values out of range.
 
     period: mean time between commands. ramp: duration of the transition between commands.
-    weights: of standing, forward, lateral, turning and mixed walking.
+    weights: of standing, forward, lateral, turning and mixed walking. mixed: shares of the range
+    across and of turning in mixed walking.
     """
 
     forward: Annotated[float, Quantity(0.0, 1.5, 'm/s')] = 0.6
@@ -27,6 +28,7 @@ class CommandRange:
     period: float = 4.0  # s
     ramp: float = 0.6  # s
     weights: tuple[float, float, float, float, float] = (0.12, 0.35, 0.13, 0.15, 0.25)
+    mixed: tuple[float, float] = (0.5, 0.7)
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -41,9 +43,9 @@ class CommandRange:
 
     @classmethod
     def up_to(cls, fastest: Sequence[float]) -> 'CommandRange':
-        """Return a range up to vx (both ways), vy in m/s and yaw rate in rad/s [3]."""
+        """Return a range up to vx (both ways), vy in m/s and yaw rate in rad/s [3], also mixed."""
         vx, vy, yaw = fastest
-        return cls(forward=vx, backward=vx, lateral=vy, yaw=yaw)
+        return cls(forward=vx, backward=vx, lateral=vy, yaw=yaw, mixed=(1.0, 1.0))
 
 
 def parse_velocity(text: str, option: str = 'velocity') -> tuple[float, float, float]:
@@ -74,7 +76,7 @@ class SteadyCommand:
 
     @classmethod
     def parse(cls, text: str) -> 'SteadyCommand':
-        """Parse VX,VY,YAW; ValueError for anything else."""
+        """Parse VX,VY,YAW; InputError or ValueError for anything else."""
         return cls(parse_velocity(text))
 
     def __call__(self, time: float) -> Floats:
@@ -126,6 +128,6 @@ class RandomCommands:
                 'forward': (along, 0.0, 0.0),
                 'lateral': (0.0, across, 0.0),
                 'turn': (0.0, 0.0, turn),
-                'mixed': (along, 0.5 * across, 0.7 * turn),
+                'mixed': (along, span.mixed[0] * across, span.mixed[1] * turn),
             }[kind]
         )

@@ -203,7 +203,6 @@ class WalkingEnvironment:
         self._feet.start(ids)
         self.commands.draw(ids)
         self.limiter.values[ids] = 0.0
-        self.walking[ids] = False
         if self.power is not None:
             self.power.reset(ids)
         self._last_action[ids] = 0.0

@@ -99,7 +99,7 @@ def evaluate_robustness(
 
 
 def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
-    """Return the config of the robots: rough ground, wide spreads, a push every 7 s."""
+    """Return the config of the robots: rough ground, a push every 7 s."""
     return TrainingConfig().with_values(
         {
             'seed': config.seed,
@@ -116,12 +116,6 @@ def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
             'physics.slope': 0.02,
             'random.push_period': 7.0,
             'random.resting': 0.0,
-            'random.delay': 0.015,
-            'random.stiffness': 0.1,
-            'random.drive_friction': 0.3,
-            'random.inertia': 0.2,
-            'random.torque_loop': 0.0,
-            'random.output': 0.0,
         }
     )
 

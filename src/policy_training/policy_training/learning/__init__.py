@@ -1,1 +1,1 @@
-"""PPO, imitation and the run folder."""
+"""PPO and the run folder."""

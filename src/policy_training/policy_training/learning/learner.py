@@ -50,7 +50,7 @@ class Learner:
             self.ppo: PPO = PPO.construct_algorithm(
                 self._observations,
                 self._torch_environment,
-                algorithm_settings(config, environment),
+                algorithm_settings(config),
                 device,
             )
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
@@ -104,7 +104,7 @@ class Learner:
     def _check_observation(self, state: dict[str, Any], but: Sequence[str] = ()) -> None:
         seen = self.environment.observation.content()
         before = state.get('observation', seen)
-        for key in {**seen, **before}:
+        for key in ('terms', 'clip', 'command_rate_limit'):
             if key not in but and seen.get(key) != before.get(key):
                 raise InputError(
                     f'that run was trained with {key} {before.get(key)!r}, this one has '
@@ -171,7 +171,7 @@ def _clip_advantages(advantages: torch.Tensor, most: float) -> None:
     advantages /= advantages.std() + 1e-8
 
 
-def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) -> dict[str, Any]:
+def algorithm_settings(config: TrainingConfig) -> dict[str, Any]:
     """Return a config as rsl-rl takes it."""
     ppo = config.ppo
     network = {'class_name': 'MLPModel', 'hidden_dims': list(ppo.hidden), 'activation': 'elu'}

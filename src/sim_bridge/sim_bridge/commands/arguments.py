@@ -6,7 +6,7 @@ from pathlib import Path
 from drive_bench.motion.file import MOTIONS, listing
 from drive_bench.motion.segments import UNITS
 from policy_runner.policies.by_name import POLICIES
-from policy_runner.policies.velocity_commands import parse_velocity
+from policy_runner.policies.velocity_commands import CommandRange, parse_velocity
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import Arguments, entry_point, node_options, own_arguments
 from wattwalk_core.engine.options import Workplace, add_workplace
@@ -98,7 +98,7 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
         metavar='POLICY',
         help='of the set paper: policies that each walk all of it, by name or folder (trot)',
     )
-    add('--fastest', metavar='VX,VY,YAW', help='of its random commands (0.6,0.35,0.7)')
+    add('--fastest', metavar='VX,VY,YAW', help='of its random commands, also mixed')
     add_workplace(parser, 'recordings')
     options = parser.parse_args(own_arguments(args))
     options.place = Workplace.of(options)
@@ -110,6 +110,7 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
         if options.set != 'paper':
             raise InputError(f'--fastest belongs to the set paper; {options.set} has its own')
         options.fastest = parse_velocity(options.fastest, '--fastest')
+        CommandRange.up_to(options.fastest)  # its ranges
     return options
 
 
