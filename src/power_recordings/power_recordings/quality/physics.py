@@ -145,5 +145,17 @@ def _slope(x: Floats, y: Floats) -> Slope | None:
     if len(x) < _ENOUGH or np.std(x) == 0 or np.std(y) == 0:
         return None
     correlation = float(np.corrcoef(x, y)[0, 1])
-    # Geometric mean of both regressions: noise in x alone would make the slope too small.
-    return Slope(float(np.std(y) / np.std(x)) * float(np.sign(correlation)), correlation)
+    # Geometric mean of both regressions: noise in x alone would make the slope too small. They are
+    # of absolute errors: a robot that is put back on its feet moves its joints without a velocity.
+    there, back = _least_absolute(x, y), _least_absolute(y, x)
+    size = np.sqrt(abs(there / back)) if back else abs(there)
+    return Slope(float(size) * float(np.sign(correlation)), correlation)
+
+
+def _least_absolute(x: Floats, y: Floats) -> float:
+    """Return a of y = a·x by the least sum of absolute errors: a weighted median of y/x."""
+    moving = x != 0
+    ratio, weight = y[moving] / x[moving], np.abs(x[moving])
+    order = np.argsort(ratio)
+    reached = np.cumsum(weight[order])
+    return float(ratio[order][np.searchsorted(reached, 0.5 * reached[-1])])
