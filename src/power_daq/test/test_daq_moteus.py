@@ -129,6 +129,7 @@ def test_a_servo_that_does_not_answer_is_named_and_the_other_goes_on(request):
         assert 'knee REGISTERS (does not answer' in report.sentence
         assert report.sentence.count('knee') == 1
         assert 'hip' not in report.sentence
+        bench.until(lambda: bench.of('electrical'))
         sample = bench.of('electrical')[-1]
         assert sample.values[2].tolist() == [0, STALE]
         knee.is_deaf = False
