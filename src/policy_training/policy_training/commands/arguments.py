@@ -116,7 +116,7 @@ def train(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--power', metavar='MODEL', help='ppn:RUN, a YAML of effects, mechanical_power, plant')
     add('--weight', type=float, metavar='W', help='of the power term, per watt; the paper: 4e-4')
     add('--environments', type=int, metavar='N', help='robots that learn at the same time')
-    add('--threads', type=int, metavar='N', help='of the simulation; 0: one per core')
+    add('--threads', type=int, metavar='N', help='0: one per core; 1 beside other work')
     add('--set', nargs='+', action='extend', default=[], metavar='KEY=VALUE', help="the config's")
     add('--device', default='cpu', help='cpu or cuda, of the network and its learning')
     add('--seconds', type=float, help='stop after so long; --resume goes on')

@@ -44,6 +44,7 @@ class Learner:
         self.environment = environment
         self.device = device
         self.iteration = 0
+        self._steps = 0  # at the end of the last whole round
         self._torch_environment = TorchEnvironment(environment, device)
         self._observations = self._torch_environment.get_observations()
         with contextlib.redirect_stdout(io.StringIO()):
@@ -73,7 +74,7 @@ class Learner:
             'critic_optimiser': self._critic_optimiser.state_dict(),
             'observation': self.environment.observation.content(),
             'iteration': self.iteration,
-            'steps': self.environment.steps,
+            'steps': self._steps,
             'random': torch.get_rng_state(),
         }
 
@@ -83,7 +84,7 @@ class Learner:
         self.ppo.load(state, None, True)
         self._critic_optimiser.load_state_dict(state['critic_optimiser'])
         self.iteration = int(state['iteration'])
-        self.environment.steps = int(state['steps'])
+        self._steps = self.environment.steps = int(state['steps'])
         torch.set_rng_state(state['random'].cpu())
         self._observations = self._torch_environment.get_observations()
 
@@ -152,6 +153,7 @@ class Learner:
         losses: dict[str, float] = self.ppo.update()
         ended = time.perf_counter()
         self.iteration += 1
+        self._steps = self.environment.steps
         values = {name: float(np.mean([log[name] for log in logs])) for name in logs[0]}
         values.update({f'loss/{name}': value for name, value in losses.items()})
         values['learning_rate'] = self.ppo.learning_rate
