@@ -1,9 +1,9 @@
 """Savings of the paper's pair on other actuators: `python bench/actuators.py [--policies A B]`.
 
 Rows change one thing of the plant `anymal_c_published`; the last is another plant. Nothing is
-trained again. Walks of
-`evaluate`, on what the sensors read. Cells: change of the supply and of KFE, mean over seeds, and
-in brackets the seeds with which both walk as asked and how far apart their speeds are at most.
+trained again. Walks of `evaluate`, on what the sensors read. Cells: change of the supply and of
+KFE, mean over seeds, and in brackets the seeds with which both walk as asked and how far apart
+their speeds are at most.
 """
 
 import argparse

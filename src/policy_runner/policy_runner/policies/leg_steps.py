@@ -106,8 +106,8 @@ def weight_steps(
 
 
 @compiled(
-    'void(f8[:, ::1], f8, f8, f8[:, :, ::1], f8[:, :, :, ::1], f8[:, ::1], f8[:, ::1],'
-    ' f8[:, ::1], f8[:, ::1], f8[:, :, ::1])'
+    'void(f8[::1], f8, f8, f8[:, ::1], f8[:, :, ::1], f8[::1], f8[::1], f8[::1], f8[::1],'
+    ' f8[:, ::1])'
 )
 def stance_steps(
     gains: Floats,
@@ -121,58 +121,57 @@ def stance_steps(
     error: Floats,
     torque: Floats,
 ) -> None:
-    """Write joint torques of stance legs, N·m [N, 4, 3]; see `trot_gait.stance_torque`.
+    """Write joint torques of stance legs, N·m [4, 3]; see `trot_gait.stance_torque`.
 
-    gains [6, N]: height, tilt, tilt_rate, velocity, yaw, and the commanded height, m. weight: N;
+    gains [6]: height, tilt, tilt_rate, velocity, yaw, and the commanded height, m. weight: N;
     radius: of a foot, m.
     """
     gram, wrench, arms = np.empty((3, 3)), np.empty(3), np.empty((4, 3))
     normal, push = np.empty(4), np.empty(2)
-    for n in range(len(feet)):
-        lift, tilt, rate, pace, yaw, height = gains[:, n]
-        total = load[n].sum()
-        bearing = total >= 0.1
-        reached = radius - (load[n] * feet[n, :, 2]).sum() / max(total, 0.1)
-        wrench[0] = weight + lift * min(max(height - reached, -0.05), 0.05)
-        wrench[1] = tilt * gravity[n, 1] - rate * spin[n, 0]
-        wrench[2] = -tilt * gravity[n, 0] - rate * spin[n, 1]
-        for leg in range(4):
-            arms[leg, 0], arms[leg, 1] = 1.0, feet[n, leg, 1]
-            arms[leg, 2] = -feet[n, leg, 0]
+    lift, tilt, rate, pace, yaw, height = gains
+    total = load.sum()
+    bearing = total >= 0.1
+    reached = radius - (load * feet[:, 2]).sum() / max(total, 0.1)
+    wrench[0] = weight + lift * min(max(height - reached, -0.05), 0.05)
+    wrench[1] = tilt * gravity[1] - rate * spin[0]
+    wrench[2] = -tilt * gravity[0] - rate * spin[1]
+    for leg in range(4):
+        arms[leg, 0], arms[leg, 1] = 1.0, feet[leg, 1]
+        arms[leg, 2] = -feet[leg, 0]
+    for i in range(3):
+        for j in range(3):
+            gram[i, j] = 1e-3 if i == j else 0.0
+            for leg in range(4):
+                gram[i, j] += load[leg] * arms[leg, i] * arms[leg, j]
+    for i in range(3):  # positive definite: Gauss elimination needs no pivots
+        for row in range(i + 1, 3):
+            share = gram[row, i] / gram[i, i]
+            for j in range(i, 3):
+                gram[row, j] -= share * gram[i, j]
+            wrench[row] -= share * wrench[i]
+    for back in range(3):
+        i = 2 - back
+        for j in range(i + 1, 3):
+            wrench[i] -= gram[i, j] * wrench[j]
+        wrench[i] /= gram[i, i]
+    for leg in range(4):
+        value = 0.0
         for i in range(3):
-            for j in range(3):
-                gram[i, j] = 1e-3 if i == j else 0.0
-                for leg in range(4):
-                    gram[i, j] += load[n, leg] * arms[leg, i] * arms[leg, j]
-        for i in range(3):  # positive definite: Gauss elimination needs no pivots
-            for row in range(i + 1, 3):
-                share = gram[row, i] / gram[i, i]
-                for j in range(i, 3):
-                    gram[row, j] -= share * gram[i, j]
-                wrench[row] -= share * wrench[i]
-        for back in range(3):
-            i = 2 - back
-            for j in range(i + 1, 3):
-                wrench[i] -= gram[i, j] * wrench[j]
-            wrench[i] /= gram[i, i]
-        for leg in range(4):
-            value = 0.0
-            for i in range(3):
-                value += load[n, leg] * arms[leg, i] * wrench[i]
-            normal[leg] = min(max(value, 0.0), _FOOT_FORCE_LIMIT) if bearing else 0.0
-        carried = max(normal.sum(), 50.0)
-        for i in range(2):
-            push[i] = min(max(pace * error[n, i], -_PUSH_LIMIT), _PUSH_LIMIT)
-        inertia = 1e-3
-        for leg in range(4):
-            x, y = feet[n, leg, 0], feet[n, leg, 1]
-            inertia += normal[leg] / carried * (x * x + y * y)
-        twist = yaw * error[n, 2] / inertia
-        for leg in range(4):
-            part = normal[leg] / carried
-            x_force = part * (push[0] - twist * feet[n, leg, 1]) - gravity[n, 0] * normal[leg]
-            y_force = part * (push[1] + twist * feet[n, leg, 0]) - gravity[n, 1] * normal[leg]
-            z_force = -gravity[n, 2] * normal[leg]
-            for i in range(3):
-                turn = jacobian[n, leg, :, i]
-                torque[n, leg, i] = -(x_force * turn[0] + y_force * turn[1] + z_force * turn[2])
+            value += load[leg] * arms[leg, i] * wrench[i]
+        normal[leg] = min(max(value, 0.0), _FOOT_FORCE_LIMIT) if bearing else 0.0
+    carried = max(normal.sum(), 50.0)
+    for i in range(2):
+        push[i] = min(max(pace * error[i], -_PUSH_LIMIT), _PUSH_LIMIT)
+    inertia = 1e-3
+    for leg in range(4):
+        x, y = feet[leg, 0], feet[leg, 1]
+        inertia += normal[leg] / carried * (x * x + y * y)
+    twist = yaw * error[2] / inertia
+    for leg in range(4):
+        part = normal[leg] / carried
+        x_force = part * (push[0] - twist * feet[leg, 1]) - gravity[0] * normal[leg]
+        y_force = part * (push[1] + twist * feet[leg, 0]) - gravity[1] * normal[leg]
+        z_force = -gravity[2] * normal[leg]
+        for i in range(3):
+            turn = jacobian[leg, :, i]
+            torque[leg, i] = -(x_force * turn[0] + y_force * turn[1] + z_force * turn[2])

@@ -108,20 +108,20 @@ def stance_torque(
     from policy_runner.policies.leg_steps import stance_steps  # compiled: numba is slow to import
 
     g = gains
-    torque = np.empty((1, 4, 3))
+    torque = np.empty((4, 3))
     stance_steps(
-        np.array([[g.height], [g.tilt], [g.tilt_rate], [g.velocity], [g.yaw], [height]]),
+        np.array([g.height, g.tilt, g.tilt_rate, g.velocity, g.yaw, height]),
         ROBOT_MASS * GRAVITY,
         FOOT_RADIUS,
-        legs.feet[None],
-        legs.jacobian[None],
-        np.array(load, np.float64)[None],
-        np.array(gravity, np.float64)[None],
-        np.array(spin, np.float64)[None],
-        np.array(velocity_error, np.float64)[None],
+        legs.feet,
+        legs.jacobian,
+        np.array(load, np.float64),
+        np.array(gravity, np.float64),
+        np.array(spin, np.float64),
+        np.array(velocity_error, np.float64),
         torque,
     )
-    return torque[0]
+    return torque
 
 
 class GaitCycle:

@@ -63,12 +63,12 @@ class SteadyCommand:
     LIMITS = (1.5, 1.5, 2.0)  # m/s, m/s, rad/s
 
     def __init__(self, velocity: Sequence[float]) -> None:
-        """velocity: vx, vy in m/s, yaw rate in rad/s [3]; ValueError beyond LIMITS."""
+        """velocity: vx, vy in m/s, yaw rate in rad/s [3]; InputError beyond LIMITS."""
         good = len(velocity) == 3 and all(
             abs(v) <= limit for v, limit in zip(velocity, self.LIMITS, strict=True)
         )
         if not good:
-            raise ValueError(
+            raise InputError(
                 f'velocity is {",".join(f"{v:g}" for v in velocity)}; expected VX,VY,YAW within '
                 '±1.5 m/s, ±1.5 m/s and ±2 rad/s'
             )
@@ -76,7 +76,7 @@ class SteadyCommand:
 
     @classmethod
     def parse(cls, text: str) -> 'SteadyCommand':
-        """Parse VX,VY,YAW; InputError or ValueError for anything else."""
+        """Parse VX,VY,YAW; InputError for anything else."""
         return cls(parse_velocity(text))
 
     def __call__(self, time: float) -> Floats:

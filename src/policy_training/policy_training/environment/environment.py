@@ -90,7 +90,6 @@ class WalkingEnvironment:
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
         self.limiter = CommandRateLimiter(observation.command_rate_limit, count)
-        self.walking = np.zeros(count, bool)
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
@@ -101,6 +100,13 @@ class WalkingEnvironment:
         self.motion: RobotMotion = self._start(np.arange(count))
         self._sense(config.step_time)
         self.age[:] = self._random.integers(0, self.longest, count)
+
+    @property
+    def walking(self) -> Bools:
+        """True where the command asks for motion [N]."""
+        # a command that reverses crosses zero only in the limited one, so both count
+        both = np.stack([self.limiter.values, self.commands.values])
+        return np.asarray((np.linalg.norm(both, axis=2) >= DEAD_ZONE).any(axis=0))
 
     def observe(self) -> Singles:
         """Return noisy observations [N, size]."""
@@ -168,11 +174,7 @@ class WalkingEnvironment:
         """Draw sensor noise and advance rate limiters."""
         draw = self._random.random((self.count, self.observation.size), np.float32)
         self._sensor_noise = (2.0 * draw - 1.0) * self._noise_level
-        asked = self.commands.values
-        # a command that reverses crosses zero only in the limited one, so both count
-        limited = self.limiter.advance(seconds, asked)
-        sizes = np.linalg.norm(np.stack([limited, asked]), axis=2)
-        self.walking = (sizes >= DEAD_ZONE).any(axis=0)
+        self.limiter.advance(seconds, self.commands.values)
 
     def _power_term(self, source: PowerSource) -> Floats:
         power = self.config.power

@@ -152,14 +152,11 @@ def make_controller(
     fastest: of the random ones, those of `CommandRange` if None. trust_code: run a TorchScript
     file.
     """
-    try:
-        if velocity is None:
-            span = CommandRange() if fastest is None else CommandRange.up_to(fastest)
-            commands: Callable[[float], Floats] = RandomCommands(seed, span)
-        else:
-            commands = SteadyCommand(velocity)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    if velocity is None:
+        span = CommandRange() if fastest is None else CommandRange.up_to(fastest)
+        commands: Callable[[float], Floats] = RandomCommands(seed, span)
+    else:
+        commands = SteadyCommand(velocity)
     if name == 'stand':
         return StandController()
     if name not in CONTROLLERS and not Path(name).exists():
