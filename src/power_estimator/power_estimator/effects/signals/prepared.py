@@ -83,6 +83,20 @@ class Prepared:
             noise=self.noise[[index]],
         )
 
+    def sparse(self) -> 'Prepared':
+        """Every second row, where the low-pass leaves nothing between two of them."""
+        every = self.reducer.sparse
+        rows = np.arange(len(self.time))
+        kept = np.concatenate([rows[part][::every] for part in self.reducer.stretches()])
+        return replace(
+            self,
+            reducer=replace(self.reducer, every=every * self.reducer.every),
+            power=self.power[:, kept],
+            time=self.time[kept],
+            recording=self.recording[kept],
+            part=None,
+        )
+
     @property
     def scale(self) -> DriveScale:
         """Scale of the meters."""
@@ -96,7 +110,7 @@ class Prepared:
     @property
     def seconds(self) -> float:
         """Length of the reduced signals; 0 of operating points."""
-        return 0.0 if self.steady else len(self.time) / REDUCED_RATE
+        return 0.0 if self.steady else len(self.time) * self.reducer.every / REDUCED_RATE
 
     @property
     def extent(self) -> str:
