@@ -163,7 +163,9 @@ class PolicyRunner(Node):
         self._told = (state, reason)
         fault = self._supervisor.fault
         if fault is None or fault.kind is FaultKind.STOP:
-            self.get_logger().info(f'{self._policy}: {reason}')
+            waits = state is State.IDLE and not self._start_wanted
+            told = f'{reason}; its service start makes the robot stand up' if waits else reason
+            self.get_logger().info(f'{self._policy}: {told}')
         else:
             self.get_logger().error(f'{self._policy}: damping, {reason}')
         self._diagnose()
