@@ -12,5 +12,6 @@ def run(options: argparse.Namespace) -> int:
     checkpoint = Checkpoint.load(model)
     for file in export(checkpoint, options.output, options.drives, options.sample_rate):
         print(f'wrote {file}')
-    print(f"in a training: PowerTerm.load('{options.output}/power_term.safetensors', joint_names)")
+    file = f'{options.output}/power_term.safetensors'
+    print(f"in a training: PowerTerm.load('{file}', joint_names, sample_rate={options.sample_rate:g})")
     return 0

@@ -5,7 +5,7 @@ wattwalk. `ros2 run power_estimator export` writes both.
 
     term = PowerTerm.load('power_term.safetensors', joint_names, sample_rate=200.0).to('cuda')
     watts = term(position_error, torque, velocity)  # [N, D]
-    reward -= 4e-4 * watts.sum(dim=1)
+    reward -= 4e-4 * step_time * watts.sum(dim=1)
     term.reset(ids)  # of the robots that start anew
 
 `PowerReward` is the same as a reward term of mjlab and of Isaac Lab.
@@ -41,8 +41,9 @@ class DriveTypeLstm(nn.Module):
     def __init__(self, columns: Sequence[int], tensors: dict[str, Tensor]) -> None:
         super().__init__()
         self.hidden = tensors['output'].shape[0]
-        self.lstm = nn.LSTM(len(FEATURES), self.hidden)
-        self.output = nn.Linear(self.hidden, 1)
+        with torch.random.fork_rng(devices=[]):  # a training with the term starts as without
+            self.lstm = nn.LSTM(len(FEATURES), self.hidden)
+            self.output = nn.Linear(self.hidden, 1)
         with torch.no_grad():
             self.lstm.weight_ih_l0.copy_(tensors['input'])  # type: ignore[operator]
             self.lstm.weight_hh_l0.copy_(tensors['recurrent'])  # type: ignore[operator]
@@ -190,23 +191,29 @@ class PowerTerm(nn.Module):
 class PowerReward:
     """Predicted watts of all drives [N], a reward term of mjlab or Isaac Lab; weight it below 0.
 
-    mjlab:
-        'power': RewardTermCfg(func=PowerReward, weight=-4e-4,
-                               params={'file': 'power_term.safetensors'})
+    mjlab (tried with 1.6):
+        cfg.rewards['power'] = RewardTermCfg(func=PowerReward, weight=-4e-4,
+                                             params={'file': 'power_term.safetensors'})
+        cfg.metrics['watts'] = MetricsTermCfg(func=PowerReward,  # logs W, without a reward too
+                                              params={'file': 'power_term.safetensors'})
     Isaac Lab wants its own base class:
         class Power(PowerReward, ManagerTermBase): ...
         power = RewTerm(func=Power, weight=-4e-4, params={'file': 'power_term.safetensors'})
 
     params: file; optional `asset` ('robot') and `joints` ('.*', patterns of joint names). Both
     frameworks compute rewards once per environment step, so the samples are held at its rate.
-    Both multiply a reward by the length of a step: 4e-4 (the paper's) is per watt and second.
+    Both multiply a reward by the length of a step: 4e-4 (the paper's) is per watt and second
+    (mjlab's `scale_rewards_by_dt=False` turns that off). A term of weight 0 is not computed.
+    Only for actions that are joint positions: others leave joint_pos_target as it is. mjlab's
+    torque is that of the last physics step, so older than position and velocity by one.
     """
 
     def __init__(self, cfg: Any, env: Any) -> None:
         self.cfg, self._env = cfg, env
         asset = env.scene[cfg.params.get('asset', 'robot')]
         pattern = cfg.params.get('joints', '.*')
-        self._joints, names = asset.find_joints(pattern)
+        columns, names = asset.find_joints(pattern)
+        self._joints = torch.as_tensor(columns, device=env.device)  # else copied at every use
         term = PowerTerm.load(cfg.params['file'], names, sample_rate=1.0 / env.step_dt)
         self._term = term.to(env.device)
         self._asset = asset
