@@ -21,6 +21,7 @@ from power_estimator.effects.library import (
     iron_and_inverter,
     mechanics,
     sensors,
+    torque_constant,
     winding,
 )
 from power_estimator.effects.signals.state import Signals
@@ -29,6 +30,8 @@ _BUILTIN = (
     mechanics.SHAFT,
     winding.COPPER_LOSS,
     winding.WINDING_HEATING,
+    torque_constant.SATURATION,
+    torque_constant.MAGNET_HEATING,
     friction.VISCOUS_FRICTION,
     friction.COULOMB_FRICTION,
     friction.STRIBECK_FRICTION,

@@ -21,6 +21,8 @@ MISSING: Final[Mapping[str, float]] = {
     'regeneration_efficiency': 0.15,
     'regeneration_limit': 0.15,
     'cogging': 0.1,
+    'saturation': 0.1,
+    'magnet_heating': 0.1,
     'field_weakening': 0.05,
 }
 """Prior probability that drives of a model without the effect have it to a degree that shows."""
@@ -45,6 +47,7 @@ KINDS: Final[Mapping[str, str]] = {
     'copper_loss': 'copper',
     'inverter_loss': 'copper',
     'winding_heating': 'copper',
+    'saturation': 'copper',
     'iron_loss': 'iron',
     'field_weakening': 'iron',
     'idle': 'idle',
@@ -75,7 +78,7 @@ DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
         'direction': 0.03,
         'quadrant': 0.03,
         'time': 0.05,  # a winding that warms unseen
-        'saturation': 0.1,
+        'saturation': 0.02,
     },
     'iron': {'speed': 0.2, 'load': 0.1, 'direction': 0.05, 'quadrant': 0.05, 'time': 0.05},
     'idle': {'speed': 0.02, 'load': 0.02, 'time': 0.05},

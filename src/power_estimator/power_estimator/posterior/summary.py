@@ -64,7 +64,8 @@ def summarised(
     best = found[int(np.argmax(weights))]
     count = len(signed)
     formula = 1.0 + FORMULA * random.normal(size=(len(drawn), count))
-    values = drawn[:, :count] * columns.watts * formula
+    seen = columns.effects[meter.used].any(axis=0)  # a term may have no part in these signals
+    values = drawn[:, :count] * columns.watts * seen * formula
     explains = _explains(columns, meter, drawn[:, :count], known)
     units = spreads(meter.signals)
     nuisance = drawn[:, count:]

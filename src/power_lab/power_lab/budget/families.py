@@ -9,7 +9,7 @@ FAMILIES: Final[Mapping[str, tuple[str, str, tuple[str, ...]]]] = {
     'copper': (
         'copper and cables',
         '#D55E00',
-        ('copper_loss', 'winding_heating', 'line_resistance'),
+        ('copper_loss', 'winding_heating', 'saturation', 'line_resistance'),
     ),
     'gear': (
         'friction, spring and rotor',

@@ -13,7 +13,7 @@ REFERENCE = (1.0, 1.0, 1.0, 1.0, 1.0)  # factors of the reference drive
 STANDSTILL = 0.05  # speed of the reference drive in rad/s below which friction's sign fades out
 
 _WHOLE = str.maketrans('', '', '()')
-_POWERS = {'²': 2, '³': 3}
+_POWERS = {'²': 2, '³': 3, '⁴': 4}
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class DriveScale:
             }
             for name in part.translate(_WHOLE).split('·'):
                 power = _POWERS.get(name[-1:], 1)
-                size = sizes.get(name.rstrip('²³'), np.ones(1))
+                size = sizes.get(name.rstrip('²³⁴'), np.ones(1))
                 result = result * size ** (sign * power)
         return result
 

@@ -1,0 +1,77 @@
+"""Torque constants that fall with the load, and with the temperature of the magnets."""
+
+import numpy as np
+from wattwalk_core.arrays import Floats
+
+from power_estimator.effects.effect import Effect, Excitation, Term
+from power_estimator.effects.library.winding import REFERENCE
+from power_estimator.effects.signals.state import Signals
+
+_MOST_PER_KELVIN = 0.005  # ferrite loses 0.002/K, neodymium 0.001/K
+
+
+def _saturated(signals: Signals, **_: float) -> Floats:
+    """Current beyond the proportional one, or torque that a current does not make."""
+    cubed = signals.motor_torque**3
+    return np.stack(
+        [
+            cubed * signals.motor_torque * ~signals.at_motor,
+            -cubed * signals.motor_velocity * signals.at_motor,
+        ],
+        axis=-1,
+    )
+
+
+def _saturated_slope(signals: Signals, coefficients: Floats) -> Floats:
+    """Four times the coefficient times the torque cubed, of a torque at the joint."""
+    return 4.0 * coefficients[..., 0] * signals.motor_torque**3 * ~signals.at_motor
+
+
+def _weaker(signals: Signals, **_: float) -> Floats:
+    """Minus the shaft's power times the rise in temperature, of a torque by its current."""
+    rise = np.nan_to_num(signals.temperature - REFERENCE)
+    return (-rise * signals.torque * signals.motor_velocity * signals.at_motor)[..., None]
+
+
+def _warmed_motor(signals: Signals, **_: float) -> bool:
+    """Return whether a torque is known by its current, and its motor's temperature moved."""
+    seen = signals.temperature[:, signals.at_motor]
+    return bool(seen.size and np.isfinite(seen).all() and np.ptp(seen, axis=0).max() > 1.0)
+
+
+SATURATION = Effect(
+    name='saturation',
+    physics='iron that saturates makes less torque for each ampere, the larger the load',
+    formula='c·motor_torque⁴; of a torque that is a current times a constant −s·torque³·w',
+    terms=(Term('c', 'W/(N·m)⁴'), Term('s', '1/(N·m)²')),
+    scaling={'gear_ratio': (-4.0, -2.0), 'winding_resistance': (1.0, 0.0)},
+    regressors=_saturated,
+    torque_slope=_saturated_slope,
+    part_of='copper_loss',
+    follows=frozenset({'motor_torque'}),
+    per_drive=True,
+    near=('copper_loss', 'line_resistance'),
+    excitation=Excitation(
+        'static loads at standstill up to the largest, then the same in motion',
+        mode='torque',
+        speeds=(0.0, 2.0, -2.0),
+        loads=(-40.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 40.0),
+    ),
+)
+MAGNET_HEATING = Effect(
+    name='magnet_heating',
+    physics='warm magnets are weaker: a motor makes less torque than its current says',
+    formula='−alpha·dT·torque·w, of a torque that is a current times a constant; dT measured',
+    terms=(Term('alpha', '1/K', 0.0, _MOST_PER_KELVIN),),
+    scaling={},
+    regressors=_weaker,
+    recorded=_warmed_motor,
+    per_drive=True,
+    near=('power_gain', 'winding_heating'),
+    excitation=Excitation(
+        'the same motion under load, cold and after a hot soak',
+        speeds=(2.0, 4.0, -2.0, -4.0),
+        loads=(-30.0, 30.0),
+        seconds=60.0,
+    ),
+)
