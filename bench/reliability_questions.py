@@ -99,6 +99,8 @@ class OfPlant:
         }
         off['torque_scale'] += max(drive.saturation / 8 for drive in drives)
         wrong = {name for name, size in off.items() if size >= NAMED_FROM}
+        if any(drive.saturation for drive in drives):
+            wrong.add('saturation')
         at = 'k' if 'winding_heating' in found.known else 'k_warm'
         coefficients = {
             name: {**truth.coefficients, 'k': truth.coefficients[at]}

@@ -26,6 +26,7 @@ _STRENGTHS: Mapping[str, Strength] = {
     'cogging': lambda c, p: float(np.hypot(c[0], c[1])) / p.cogging,
     'winding_heating': lambda c, p: 1.0,
     'field_weakening': lambda c, p: 1.0,
+    'magnet_heating': lambda c, p: c[0] / p.magnet_coefficient,
 }
 _MOST = 10.0
 

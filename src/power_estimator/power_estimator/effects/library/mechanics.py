@@ -61,7 +61,6 @@ SPRING = Effect(
     scaling={},
     regressors=_torque_rate,
     acts_on='speed',
-    needs_joint_torque=True,
     per_drive=True,
     needs_time=True,
     shapes=tuple({'relaxation': seconds} for seconds in (0.0, 0.003, 0.006, 0.012)),
