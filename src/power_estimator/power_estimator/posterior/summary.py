@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
 from scipy.special import logsumexp
-from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns, explained, less
@@ -84,8 +83,6 @@ def summarised(
     of_meter = float(meter.prepared.noise[0])
     if of_meter < noise:  # what is not smooth either, such as a fan that is switched
         left = float(np.sqrt(left**2 + noise**2 - of_meter**2))
-    most = _formulas_leave(meter, columns, signed)
-    left = min(left, float(np.sqrt(max(most**2 - of_meter**2, 0.0))))
     apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
     unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
     costs = {
@@ -127,20 +124,6 @@ def summarised(
         by_cause(parts, columns.causes),
         noise,
     )
-
-
-def _formulas_leave(meter: MeterProblem, columns: EffectColumns, signed: Bools) -> float:
-    """W rms that a set's formulas leave where nothing departs from them.
-
-    More than that no discrepancy is needed for, however far the formulas may depart.
-    """
-    effects = columns.effects[meter.used]
-    power = (meter.power() - columns.constant)[meter.used]
-    root = np.linalg.qr(np.concatenate([effects, power[:, None]], axis=1), mode='r')
-    own, target = root[:, :-1], root[:, -1]
-    least = np.where(signed, 0.0, -np.inf)
-    found = lsq_linear(own, target, (least, np.full(len(signed), np.inf)))
-    return float(np.linalg.norm(own @ found.x - target) / np.sqrt(max(len(power), 1)))
 
 
 def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:
