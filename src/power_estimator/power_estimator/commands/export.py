@@ -13,5 +13,4 @@ def run(options: argparse.Namespace) -> int:
     for file in export(checkpoint, options.output, options.drives, options.sample_rate):
         print(f'wrote {file}')
     file = f'{options.output}/power_term.safetensors'
-    print(f"in a training: PowerTerm.load('{file}', joint_names, sample_rate={options.sample_rate:g})")
     return 0

@@ -78,7 +78,7 @@ DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
         'direction': 0.03,
         'quadrant': 0.03,
         'time': 0.05,  # a winding that warms unseen
-        'saturation': 0.02,
+        'saturation': 0.1,
     },
     'iron': {'speed': 0.2, 'load': 0.1, 'direction': 0.05, 'quadrant': 0.05, 'time': 0.05},
     'idle': {'speed': 0.02, 'load': 0.02, 'time': 0.05},

@@ -93,9 +93,7 @@ def _by_current(_active: Active, drive: DriveAtWork) -> _Reading:
 _READ: dict[tuple[str, str], _Read] = {
     ('copper_loss', 'k'): _copper,
     ('winding_heating', 'c'): _heating,
-    ('saturation', 'c'): lambda _, drive: _times(
-        drive.load**4, f'{{}} W at {drive.load:.3g} N·m'
-    ),
+    ('saturation', 'c'): lambda _, drive: _times(drive.load**4, f'{{}} W at {drive.load:.3g} N·m'),
     ('saturation', 's'): lambda _, drive: _times(
         100.0 * drive.load**2, f'{{}} % of the torque at {drive.load:.3g} N·m'
     ),
