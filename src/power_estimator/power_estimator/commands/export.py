@@ -12,5 +12,6 @@ def run(options: argparse.Namespace) -> int:
     checkpoint = Checkpoint.load(model)
     for file in export(checkpoint, options.output, options.drives, options.sample_rate):
         print(f'wrote {file}')
-    file = f'{options.output}/power_term.safetensors'
+    given = f"'{options.output}/power_term.safetensors', joint_names, {options.sample_rate:g}"
+    print(f'in a training: PowerTerm.load({given})')
     return 0
