@@ -99,8 +99,10 @@ class OfPlant:
         }
         off['torque_scale'] += max(drive.saturation / 8 for drive in drives)
         wrong = {name for name, size in off.items() if size >= NAMED_FROM}
-        if any(drive.saturation for drive in drives):
-            wrong.add('saturation')
+        if max(drive.saturation for drive in drives) >= NAMED_FROM:
+            wrong |= {'saturation', 'motor_saturation'}
+        if any(drive.magnet_temperature for drive in drives):
+            wrong.add('magnet_heating')
         at = 'k' if 'winding_heating' in found.known else 'k_warm'
         coefficients = {
             name: {**truth.coefficients, 'k': truth.coefficients[at]}
@@ -151,7 +153,8 @@ class OfRobot:
             name: _robot_coefficients({key: float(value[i]) for key, value in parameters.items()})
             for i, name in enumerate(NAMES)
         }
-        return Sealed(data, known, frozenset(self.hidden), coefficients)
+        missing = frozenset({*self.hidden, 'saturation'})  # its plant always has some
+        return Sealed(data, known, missing, coefficients)
 
 
 def _robot_coefficients(p: Mapping[str, float]) -> dict[str, float]:

@@ -104,15 +104,16 @@ def test_coulomb_friction_helps_a_motor_that_brakes():
 
 def test_a_torque_constant_that_saturates_costs_the_fourth_power_of_a_torque_at_the_joint():
     # 10⁴ · 1e-4 = 1 W; friction of 5·2 = 10 N·m doubles the torque: 16 W, and 20 W of its own
-    assert watts({'saturation': (1e-4, 0.0)}, signals(10.0, 2.0)) == pytest.approx(1.0)
-    both = watts({'saturation': (1e-4, 0.0), 'viscous_friction': 5.0}, signals(10.0, 2.0))
+    assert watts({'saturation': 1e-4}, signals(10.0, 2.0)) == pytest.approx(1.0)
+    both = watts({'saturation': 1e-4, 'viscous_friction': 5.0}, signals(10.0, 2.0))
     assert both == pytest.approx(16.0 + 20.0)
 
 
 def test_a_motor_that_saturates_makes_less_torque_than_its_current_says():
     # a thousandth per (N·m)² of 10 N·m: a tenth of 20 W; its winding's current is as measured
     motor = replace(signals(10.0, 2.0), at_motor=np.ones(1, dtype=bool))
-    assert watts({'saturation': (1e-4, 1e-3)}, motor) == pytest.approx(-2.0)
+    assert watts({'motor_saturation': 1e-3}, motor) == pytest.approx(-2.0)
+    assert watts({'saturation': 1e-4}, motor) == 0.0
 
 
 def test_warm_magnets_make_less_torque_than_a_motors_current_says():

@@ -1,5 +1,6 @@
 """The recorder: writes the suite's topics to a bag, with a card."""
 
+import shlex
 import shutil
 import sys
 import time
@@ -101,9 +102,9 @@ class RecorderNode(Node):
             raise
         self._card.add_drives(recorder.measured())
         print(f'{recorder.summary()}\n{self._bag}')
-        if recorder.progress().counts:
-            print(f'next: ros2 run power_recordings info {self._bag}')
         progress = recorder.progress()
+        if progress.counts:
+            print(f'next: ros2 run power_recordings info {shlex.quote(str(self._bag))}')
         if progress.counts and self._waiting(progress):
             self.get_logger().error(f'no sample came on {" or ".join(sorted(self._awaited))}')
             return 1

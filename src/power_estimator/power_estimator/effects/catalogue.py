@@ -31,6 +31,7 @@ _BUILTIN = (
     winding.COPPER_LOSS,
     winding.WINDING_HEATING,
     torque_constant.SATURATION,
+    torque_constant.MOTOR_SATURATION,
     torque_constant.MAGNET_HEATING,
     friction.VISCOUS_FRICTION,
     friction.COULOMB_FRICTION,

@@ -89,7 +89,7 @@ def judged_effects(
         if effect.name not in names
         and effect.fixed is None
         # A spring is in the speed of its own motor, and hardly any log says whose speed it has.
-        and not (effect.acts_on == 'speed' and signals.at_motor.all())
+        and not (effect.name == 'spring' and signals.at_motor.any())
         for shape in effect.tried_on(signals)
         # Iron loss whose current heats the winding is friction by another name.
         if not shape.get('carried')

@@ -82,14 +82,14 @@ class MeterProblem:
 
     @cached_property
     def causes(self) -> Mapping[str, Floats]:
-        """Causes of departures, reduced [N, D]."""
+        """Causes of departures, at the input rate [T, D]."""
         s = self.signals
         fast, strong = (np.sqrt(np.mean(x**2, axis=0)) + 1e-9 for x in (s.velocity, s.torque))
         direction = np.tanh(s.velocity / (_TOWARDS_ZERO * fast))
         load = np.arcsinh(np.abs(s.torque) / strong)
         span = max(float(np.ptp(s.time)), 1e-9)
         time = 2 * (s.time - s.time.mean()) / span
-        found = {
+        return {
             'speed': np.log(np.abs(s.velocity) / fast + _TOWARDS_ZERO),
             'load': load - load.mean(axis=0),
             'direction': direction,
@@ -98,15 +98,14 @@ class MeterProblem:
             'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
         }
-        return {name: self.prepared.reduced(cause) for name, cause in found.items()}
 
     @cached_property
     def _bends(self) -> Floats:
         """Random Fourier features of how an effect's power may depart smoothly [N, D, b]."""
         c = self.causes
-        parts = [c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']]
-        inputs = np.stack(parts, axis=2)
+        raw = np.stack([c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']], axis=2)
         random = np.random.default_rng(5)
+        inputs = self.prepared.reduced(raw)
         return np.stack(
             [fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
         )
@@ -128,20 +127,16 @@ class MeterProblem:
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
         at = self.builder.point(structure, values[None])
         s, slope = at.signals, at.signals.motor_velocity + at.signals.torque_cost
-        powers = {
-            kind: self.prepared.reduced(watts)
-            for kind, watts in self._by_kind(point, s, slope).items()
-        }
+        powers = self._by_kind(point, s, slope)
         departures, labels, at_one = self._departures(powers)
-        more = [at.power, *self.errors.watts(at.power, slope)]
+        more = [at.power, *self.errors.watts(at.power, slope), *departures]
         every = tuple({active.key: active for active in (*actives, *chosen)}.values())
         found, beside = self.builder.columns_and(every, at, more)
         of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
         raw = [of[active.key] for active in actives]
         joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
         size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
-        power = beside[:, 0, 0]
-        nuisance = np.column_stack([beside[:, 0, 1:], *departures])
+        power, nuisance = beside[:, 0, 0], beside[:, 0, 1:]
         linear = np.zeros(len(joined))
         for active, own in point.values():
             linear += of[active.key] @ own
@@ -175,7 +170,7 @@ class MeterProblem:
         ):
             own_powers = [powers[kind] for kind in kinds if kind in powers]
             if own_powers:
-                watts = sum(own_powers[1:], own_powers[0])
+                watts = self.prepared.reduced(sum(own_powers[1:], own_powers[0]))
                 bent.append((share * metered * watts[..., None] * self._bends).sum(axis=1))
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
@@ -222,11 +217,7 @@ class MeterProblem:
     def _departures(
         self, powers: Mapping[str, Floats]
     ) -> tuple[list[Floats], list[str], Mapping[int, tuple[str, float]]]:
-        """Departures of DEPARTURES, W [N], with causes; of friction at 1 rad/s by column.
-
-        powers: reduced. A cause moves little where its power is more than little, so that the
-        product may come after the low-pass.
-        """
+        """Departures of DEPARTURES, W [T, D], with causes; of friction at 1 rad/s by column."""
         c = self.causes
         at_one: dict[int, tuple[str, float]] = {}
         columns: list[Floats] = []
@@ -241,7 +232,7 @@ class MeterProblem:
             for form, spread in DEPARTURES[kind].items():
                 if kind in ('friction', 'viscous'):
                     at_one[len(columns)] = kind, spread * one.get(form, 0.0)
-                columns.append((spread * watts * c[form]).sum(axis=1))
+                columns.append(spread * watts * c[form])
                 causes.append(f'departures of {kind}')
         return columns, causes, at_one
 

@@ -22,6 +22,7 @@ MISSING: Final[Mapping[str, float]] = {
     'regeneration_limit': 0.15,
     'cogging': 0.1,
     'saturation': 0.1,
+    'motor_saturation': 0.1,
     'magnet_heating': 0.1,
     'field_weakening': 0.05,
 }

@@ -56,6 +56,8 @@ def _denoised(values: Floats, signals: Signals) -> Floats:
         keep = np.maximum.accumulate(keep[::-1])[::-1]
         taps = np.roll(np.fft.irfft(keep), _TAPS)[_TAPS // 2 : _TAPS + _TAPS // 2 + 1]
         taps = taps * np.hanning(len(taps) + 2)[1:-1]
+        if not taps.any():
+            continue  # it stands still
         taps /= taps.sum()
         half = len(taps) // 2
         for part in parts:

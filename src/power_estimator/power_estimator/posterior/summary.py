@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns, explained, less
@@ -22,6 +22,7 @@ from power_estimator.posterior.sensors import SCALES, SENSORS, spreads
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own
 _MISFITS = 4  # draws of what no formula explains for each of the rest, for ends that stand still
 _TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
+_MOST = 1e12  # of a coefficient, in SI, that nothing in the signals shows: a model file's most
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
 FORMULA = 0.03
 """Part of a coefficient by which the textbook's formula is not that of the drive."""
@@ -64,8 +65,8 @@ def summarised(
     best = found[int(np.argmax(weights))]
     count = len(signed)
     formula = 1.0 + FORMULA * random.normal(size=(len(drawn), count))
-    seen = columns.effects[meter.used].any(axis=0)  # a term may have no part in these signals
-    values = drawn[:, :count] * columns.watts * seen * formula
+    values = drawn[:, :count] * columns.watts * formula
+    values = np.where(_without_part(columns, meter.used), 0.0, np.clip(values, -_MOST, _MOST))
     explains = _explains(columns, meter, drawn[:, :count], known)
     units = spreads(meter.signals)
     nuisance = drawn[:, count:]
@@ -113,7 +114,10 @@ def summarised(
     friction = None
     if columns.friction[:count].any():
         together = [float(np.median(v)) for name, v in of_effects.items() if name in FRICTIONS]
-        friction = (drawn @ columns.friction) * misfit(float(np.hypot.reduce(together)))[:, 0]
+        friction = (
+            np.clip(drawn @ columns.friction, -_MOST, _MOST)
+            * misfit(float(np.hypot.reduce(together)))[:, 0]
+        )
     return MeterSummary(
         coefficients,
         friction,
@@ -124,6 +128,13 @@ def summarised(
         by_cause(parts, columns.causes),
         noise,
     )
+
+
+def _without_part(columns: EffectColumns, used: Bools) -> Bools:
+    """Mark terms of a state at the start [n] that these signals do not have."""
+    terms = [term for active in columns.actives for term in active.effect.terms]
+    of_start = np.array([term.of_recording for term in terms], dtype=bool)
+    return of_start & ~columns.effects[used].any(axis=0)
 
 
 def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:

@@ -17,7 +17,8 @@ _WATTS: Final[Mapping[str, Callable[..., str]]] = {
     'winding_heating': lambda c, c0, time_constant=0.0: (
         f'{c * 0.0039:.6g} * m**2 * (temperature - 25.0)'
     ),
-    'saturation': lambda c, s: f'{c:.6g} * m**4 - {s:.6g} * m**3 * w',
+    'saturation': lambda c: f'{c:.6g} * m**4',
+    'motor_saturation': lambda s: f'-{s:.6g} * m**3 * w',
     'magnet_heating': lambda alpha: f'-{alpha:.6g} * (temperature - 25.0) * m * w',
     'field_weakening': lambda c, per_volt: (
         f'{c:.6g} * max(0.0, abs(w) - {per_volt:.6g} * voltage) ** 2'

@@ -94,7 +94,7 @@ _READ: dict[tuple[str, str], _Read] = {
     ('copper_loss', 'k'): _copper,
     ('winding_heating', 'c'): _heating,
     ('saturation', 'c'): lambda _, drive: _times(drive.load**4, f'{{}} W at {drive.load:.3g} N·m'),
-    ('saturation', 's'): lambda _, drive: _times(
+    ('motor_saturation', 's'): lambda _, drive: _times(
         100.0 * drive.load**2, f'{{}} % of the torque at {drive.load:.3g} N·m'
     ),
     ('magnet_heating', 'alpha'): lambda *_: _times(100.0, 'the magnets lose {} %/K'),

@@ -7,24 +7,23 @@ from power_estimator.effects.effect import Effect, Excitation, Term
 from power_estimator.effects.library.winding import REFERENCE
 from power_estimator.effects.signals.state import Signals
 
+_LOADS = (-40.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 40.0)
 _MOST_PER_KELVIN = 0.005  # ferrite loses 0.002/K, neodymium 0.001/K
 
 
-def _saturated(signals: Signals, **_: float) -> Floats:
-    """Current beyond the proportional one, or torque that a current does not make."""
-    cubed = signals.motor_torque**3
-    return np.stack(
-        [
-            cubed * signals.motor_torque * ~signals.at_motor,
-            -cubed * signals.motor_velocity * signals.at_motor,
-        ],
-        axis=-1,
-    )
+def _more_current(signals: Signals, **_: float) -> Floats:
+    """Torque to the fourth, of a torque at the joint."""
+    return (signals.motor_torque**4 * ~signals.at_motor)[..., None]
 
 
-def _saturated_slope(signals: Signals, coefficients: Floats) -> Floats:
-    """Four times the coefficient times the torque cubed, of a torque at the joint."""
+def _more_current_slope(signals: Signals, coefficients: Floats) -> Floats:
+    """Four times the coefficient times the torque cubed."""
     return 4.0 * coefficients[..., 0] * signals.motor_torque**3 * ~signals.at_motor
+
+
+def _less_torque(signals: Signals, **_: float) -> Floats:
+    """Minus the shaft's power times the torque squared, of a torque by its current."""
+    return (-(signals.torque**3) * signals.motor_velocity * signals.at_motor)[..., None]
 
 
 def _weaker(signals: Signals, **_: float) -> Floats:
@@ -35,27 +34,38 @@ def _weaker(signals: Signals, **_: float) -> Floats:
 
 def _warmed_motor(signals: Signals, **_: float) -> bool:
     """Return whether a torque is known by its current, and its motor's temperature moved."""
-    seen = signals.temperature[:, signals.at_motor]
-    return bool(seen.size and np.isfinite(seen).all() and np.ptp(seen, axis=0).max() > 1.0)
+    return bool((np.ptp(signals.temperature, axis=0) * signals.at_motor > 1.0).any())
 
 
 SATURATION = Effect(
     name='saturation',
-    physics='iron that saturates makes less torque for each ampere, the larger the load',
-    formula='c·motor_torque⁴; of a torque that is a current times a constant −s·torque³·w',
-    terms=(Term('c', 'W/(N·m)⁴'), Term('s', '1/(N·m)²')),
-    scaling={'gear_ratio': (-4.0, -2.0), 'winding_resistance': (1.0, 0.0)},
-    regressors=_saturated,
-    torque_slope=_saturated_slope,
+    physics='iron that saturates asks for more current than in proportion, the larger the load',
+    formula='c·motor_torque⁴, of a torque at the joint',
+    terms=(Term('c', 'W/(N·m)⁴'),),
+    scaling={'gear_ratio': (-4.0,), 'winding_resistance': (1.0,)},
+    regressors=_more_current,
+    torque_slope=_more_current_slope,
+    recorded=lambda signals, **_: not bool(signals.at_motor.all()),
     part_of='copper_loss',
     follows=frozenset({'motor_torque'}),
     per_drive=True,
     near=('copper_loss', 'line_resistance'),
     excitation=Excitation(
-        'static loads at standstill up to the largest, then the same in motion',
-        mode='torque',
-        speeds=(0.0, 2.0, -2.0),
-        loads=(-40.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 40.0),
+        'static loads at standstill up to the largest', mode='torque', speeds=(0.0,), loads=_LOADS
+    ),
+)
+MOTOR_SATURATION = Effect(
+    name='motor_saturation',
+    physics='iron that saturates makes less torque than the current says, the larger the load',
+    formula='−s·torque³·w, of a torque that is a current times a constant',
+    terms=(Term('s', '1/(N·m)²'),),
+    scaling={'gear_ratio': (-2.0,)},
+    regressors=_less_torque,
+    recorded=lambda signals, **_: bool(signals.at_motor.any()),
+    per_drive=True,
+    near=('copper_loss', 'regeneration_efficiency'),
+    excitation=Excitation(
+        'the same speeds under loads up to the largest', speeds=(2.0, -2.0), loads=_LOADS
     ),
 )
 MAGNET_HEATING = Effect(

@@ -51,7 +51,7 @@ class Prepared:
     """Signals of D drives with the power of M meters reduced at every delay.
 
     Each drive has a meter, or there is one for the whole robot. Reduced arrays have N rows at
-    50 Hz.
+    50 Hz, `sparse` ones at 25 Hz or more.
     """
 
     signals: Signals  # at the input rate
@@ -84,7 +84,7 @@ class Prepared:
         )
 
     def sparse(self) -> 'Prepared':
-        """Every second row, where the low-pass leaves nothing between two of them."""
+        """Every second row, where the low-pass leaves little between two of them."""
         every = self.reducer.sparse
         rows = np.arange(len(self.time))
         kept = np.concatenate([rows[part][::every] for part in self.reducer.stretches()])
@@ -119,7 +119,8 @@ class Prepared:
 
     def extent_of(self, rows: int) -> str:
         """Length of so many rows in words."""
-        return f'{rows} operating points' if self.steady else f'{rows / REDUCED_RATE:.0f} s'
+        seconds = rows * self.reducer.every / REDUCED_RATE
+        return f'{rows} operating points' if self.steady else f'{seconds:.0f} s'
 
     @cached_property
     def measured(self) -> Bools:
