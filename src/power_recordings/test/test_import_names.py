@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
+from power_recordings.importing.map_file import parse_map
+from power_recordings.importing.plan import make_plan
 from power_recordings.importing.sources.heads import unit_of
+from power_recordings.importing.sources.source import LogColumn
 from power_recordings.importing.units import conversion
 from table_log import csv
 
@@ -52,6 +55,19 @@ def test_a_map_may_write_a_rate_with_a_low_line():
     assert conversion('deg_s', 'velocity').factor == pytest.approx(np.pi / 180)
     assert conversion('rad_per_s', 'velocity').factor == 1.0
     assert conversion('1_min', 'velocity').factor == pytest.approx(2 * np.pi / 60)
+
+
+def test_a_torque_is_multiplied_by_scale_beside_its_unit_and_not_by_the_gear_ratio():
+    torque = {'from': 'm', 'unit': 'mN*m', 'at': 'motor'}
+    speed = {'from': 'n', 'unit': 'rad/s', 'at': 'motor'}
+    columns = [LogColumn(name, '') for name in ('t', 'm', 'n', 'i')]
+    for scale, expected in (({}, 0.1), ({'scale': 60}, 6.0)):
+        drive = {'gear_ratio': 60, 'velocity': speed, 'torque': {**torque, **scale}}
+        drive |= {'voltage': {'value': 24}, 'current': {'from': 'i'}}
+        content = {'format': 'import/1', 'time': {'column': 't'}, 'drives': {'A': drive}}
+        plan = make_plan(parse_map(content, 'map'), columns, 'map', is_bag=False).drives['A']
+        assert plan['torque'].convert({'m': np.array([100.0])})[0] == pytest.approx(expected)
+        assert plan['velocity'].convert({'n': np.array([120.0])})[0] == pytest.approx(2.0)
 
 
 def test_what_no_column_looks_like_is_said_of_each_quantity(tmp_path, capsys):
@@ -143,6 +159,13 @@ def test_two_ends_of_a_shaft_and_two_sides_of_a_gear_are_no_drives(tmp_path, cap
     sides = {'motor_pos': T, 'motor_vel': SPEED, 'link_pos': T + 0.1 * SPEED, 'link_vel': TORQUE}
     text, _ = guess(tmp_path, capsys, **sides, U=VOLTS, I=WATTS)
     assert '\n  DRIVE:\n' in text
+
+
+def test_figures_of_one_signal_are_no_drives_and_what_changes_sign_no_supply(tmp_path, capsys):
+    figures = {'tau_mean': TORQUE, 'tau_std': T, 'vel_mean': SPEED, 'vel_std': T % 1, 'u': SPEED}
+    text, lines = guess(tmp_path, capsys, **figures, amps=WATTS)
+    assert '\n  DRIVE:\n' in text
+    assert 'value: 48' in lines['voltage']
 
 
 def test_a_constant_voltage_is_proposed_only_where_no_column_is_in_volts(tmp_path, capsys):

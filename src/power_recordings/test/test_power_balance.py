@@ -137,7 +137,7 @@ def test_a_far_slope_of_a_small_share_of_the_power_is_warned_of_without_a_gear_r
     found = check_recording(geared(tmp_path, 1 / 63, 1.0, 1.0)).findings
     (text,) = [f.text for f in found if f.code == 'power_slope' and f.severity == 'warning']
     assert 'power grows by 63 W with each W of torque × speed, which stands for' in text
-    assert 'not by about 1: a gear between, or another unit?' in text
+    assert "not by about 1: another unit, or torque of the motor's shaft?" in text
 
 
 def test_friction_that_heats_the_winding_in_slow_motion_is_no_error_of_units():

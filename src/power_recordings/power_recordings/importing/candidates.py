@@ -96,9 +96,11 @@ _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some,
 _PLAIN: Final = {'winding': 'current', 'loss': 'power'}
 _STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
 _SIDES: Final = (
-    r'[a-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*'
+    r'[a-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
+    r'mean|avg|std|rms|var|peak|sim\w*|model|pred\w*|true|old|new|last|prev\w*'
 )
 """Words that tell sides of a drive, or kinds of a signal, apart."""
+_NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
 _ONE: Final = 0.999  # correlation of speeds on one shaft
 _BRACKETS = re.compile(r'[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measurement
@@ -183,6 +185,8 @@ def _candidate(item: Listed) -> CandidateColumn | None:
         return None
     if quantity == 'velocity' and not unit and (np.diff(item.values) == 1.0).all():
         return None  # numbers of the rows
+    if quantity == 'voltage' and name[0] == 'u' and not unit and -item.low > _NEGATIVE * item.high:
+        return None  # of a control law, as no supply turns round
     return CandidateColumn(quantity, rank, '', item)
 
 

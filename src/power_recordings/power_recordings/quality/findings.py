@@ -120,8 +120,8 @@ def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) ->
         text = f'{of_all}: losses that grow with load and speed, or a torque that is scaled'
         return Finding('power_slope', 'warning', drive, text)
     if not decided:
-        text = f'{of_all}, not by about 1: a gear between, or another unit?'
-        return Finding('power_slope', 'warning', drive, text)
+        text = f"{of_all}, not by about 1: another unit, or torque of the motor's shaft?"
+        return Finding('power_slope', 'warning', drive, text, 'torque: {scale: GEAR RATIO}')
     text += (
         ', not by about 1: a gear between, or two units at once? Check those of torque, speed, '
         'voltage and current.'
@@ -140,8 +140,8 @@ def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | 
     other = f', or {meaning}' if meaning else ''
     if _USUAL[0] < slope / ratio < _USUAL[1]:
         text += (
-            f'gear_ratio {ratio:g}: torque of the shaft of the motor, which is not multiplied by '
-            f'it{other}? Multiply it, beside its unit'
+            f"gear_ratio {ratio:g}: torque of the motor's shaft, which is not multiplied by it"
+            f'{other}? Multiply it, beside its unit'
         )
         return Finding('power_units', 'error', drive, text, f'torque: {{scale: {ratio:g}}}')
     if not meaning and _USUAL[0] < slope * ratio < _USUAL[1]:
