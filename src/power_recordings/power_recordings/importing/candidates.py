@@ -102,6 +102,7 @@ _SIDES: Final = (
 """Words that tell sides of a drive, or kinds of a signal, apart."""
 _NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
 _ONE: Final = 0.999  # correlation of speeds on one shaft
+_COMPARED: Final = 24  # columns of a kind, each with each
 _BRACKETS = re.compile(r'[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measurement
 
@@ -185,7 +186,8 @@ def _candidate(item: Listed) -> CandidateColumn | None:
         return None
     if quantity == 'velocity' and not unit and (np.diff(item.values) == 1.0).all():
         return None  # numbers of the rows
-    if quantity == 'voltage' and name[0] == 'u' and not unit and -item.low > _NEGATIVE * item.high:
+    u = quantity == 'voltage' and not unit and name.startswith('u')
+    if u and -item.low > _NEGATIVE * item.high:
         return None  # of a control law, as no supply turns round
     return CandidateColumn(quantity, rank, '', item)
 
@@ -283,12 +285,12 @@ def _by_word(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
 
 def _coupled(row: Sequence[CandidateColumn]) -> bool:
     """Tell whether columns go as one shaft does, whose two ends or sides of a gear they are."""
-    for one, other in combinations(row, 2):
-        if len(one.values) == len(other.values):
-            good = np.isfinite(one.values + other.values)
-            if not good.any():
-                continue
-            x, y = one.values[good], other.values[good]
-            if np.ptp(x) > 0 and np.ptp(y) > 0 and abs(np.corrcoef(x, y)[0, 1]) > _ONE:
-                return True
+    for one, other in combinations(row[:_COMPARED], 2):
+        if len(one.values) != len(other.values):
+            continue
+        good = np.isfinite(one.values + other.values)
+        x, y = one.values[good], other.values[good]
+        moves = len(x) and np.ptp(x) > 0 and np.ptp(y) > 0
+        if moves and abs(np.corrcoef(x, y)[0, 1]) > _ONE:
+            return True
     return False

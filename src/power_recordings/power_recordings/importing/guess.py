@@ -93,9 +93,9 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     if not metered and len(drives) > 1:  # one meter of all
         whole = {q: [*shared.pop(q, []), *own] for q, own in whole.items()}
     elif not metered and drives and not _POWERS & set(shared):
+        (alone,) = drives.values()
         for q in filter(whole.get, _METERED):
-            for own in drives.values():
-                own[q] = [*own.get(q, ()), *(replace(c, quantity=q) for c in whole.pop(q))]
+            alone[q] = [*alone.get(q, ()), *(replace(c, quantity=q) for c in whole.pop(q))]
     if not shared.get('voltage') and not all(own.get('voltage') for own in drives.values()):
         of_others = [c for c in found if c.quantity in ('voltage', 'supply_voltage')]
         shared['voltage'] = [replace(c, quantity='voltage') for c in of_others]

@@ -113,10 +113,11 @@ def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) ->
         return None
     meaning, mend = _meaning(slope, _OF_POWER)
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
-    if decided and meaning:
+    rubs = slope > _SCALES[1] and _USUAL[0] < balance.rubbed < _USUAL[1]
+    if decided and meaning and not rubs:
         return Finding('power_units', 'error', drive, f'{text}: {meaning}?', mend)
     of_all = f'{text}, which stands for {balance.share:.0%} of its variance'
-    if _SCALES[0] < slope and min(slope, balance.rubbed) < _SCALES[1]:
+    if rubs or _SCALES[0] < slope < _SCALES[1]:
         text = f'{of_all}: losses that grow with load and speed, or a torque that is scaled'
         return Finding('power_slope', 'warning', drive, text)
     if not decided:
