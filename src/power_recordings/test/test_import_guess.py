@@ -267,13 +267,15 @@ def test_a_current_that_is_negative_while_drawing_is_fed(tmp_path, capsys):
     assert 'scale' not in lines['torque']
 
 
-def test_a_battery_that_gives_in_the_mean_counts_what_is_fed(tmp_path, capsys):
+def test_a_battery_is_the_meter_of_a_log_of_one_drive_and_counts_what_is_fed(tmp_path, capsys):
     columns = swing()
     columns['battery_current [A]'] = -columns.pop('I_DC [A]')
     columns['battery_voltage [V]'] = columns.pop('U_DC [V]')
     recording, lines = guessed(tmp_path, capsys, columns)
-    assert 'positive: fed' in lines['supply']
-    assert recording.supply().power.mean() > 0
+    assert 'supply' not in lines
+    assert 'from: battery_voltage' in lines['voltage'].replace("'", '')
+    assert 'positive: fed' in lines['current']
+    assert recording.drive_supply().power.mean() > 0
 
 
 def test_a_current_that_the_torque_was_computed_from_is_the_motors(tmp_path, capsys):

@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from power_recordings.card import Card
 from power_recordings.commands.info import print_quality
 from power_recordings.index.kept_quality import Checked
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality.check import check_recording
+from power_recordings.quality.findings import power_finding
 from power_recordings.quality.physics import power_balance
 from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording
@@ -103,3 +107,54 @@ def test_a_robot_without_meters_at_its_drives_has_a_balance_too(capsys):
     assert 'power of the robot: 1 ± ' in capsys.readouterr().out
     with pytest.raises(InputError, match='a sign is wrong'):
         refuse_wrong_units(recording(TORQUE * SPEED + 0.05 * TORQUE**2 + 8.0, -1.0, whole=True))
+
+
+def geared(folder, torque, speed, ratio=60.0):
+    """A gripper that holds: heat for most of its power; and its card with a gear ratio."""
+    Card.of({'torque': {'KNEE': 'motor'}, 'gear_ratio': {'KNEE': ratio}}).save(folder)
+    bag = recording(TORQUE * SPEED + 0.5 * TORQUE**2 + 8.0, torque, speed)
+    return replace(bag, folder=folder)
+
+
+def test_a_torque_of_the_motors_shaft_is_told_with_the_scale_to_write(tmp_path):
+    balance = power_balance(TORQUE * SPEED + 0.5 * TORQUE**2 + 8.0, TORQUE / 60, SPEED)
+    assert balance.share < 0.3  # too little to decide by itself
+    with pytest.raises(InputError, match=r'by 60 W .* gear_ratio 60') as raised:
+        refuse_wrong_units(geared(tmp_path, 1 / 60, 1.0))
+    assert 'in the map: torque: {scale: 60}' in str(raised.value)
+    refuse_wrong_units(geared(tmp_path, 1.0, 1.0))
+    refuse_wrong_units(geared(tmp_path, 1 / 60, 60.0))  # both of the shaft
+
+
+def test_a_speed_of_the_motor_beside_a_torque_of_the_joint_is_told(tmp_path):
+    with pytest.raises(InputError, match=r'in the map: velocity: \{at: motor\}'):
+        refuse_wrong_units(geared(tmp_path, 1.0, 45.0, 45.0))
+
+
+def test_a_far_slope_of_a_small_share_of_the_power_is_warned_of_without_a_gear_ratio(
+    tmp_path,
+):
+    found = check_recording(geared(tmp_path, 1 / 63, 1.0, 1.0)).findings
+    (text,) = [f.text for f in found if f.code == 'power_slope' and f.severity == 'warning']
+    assert 'power grows by 63 W with each W of torque × speed, which stands for' in text
+    assert "not by about 1: another unit, or torque of the motor's shaft?" in text
+
+
+def test_friction_that_heats_the_winding_in_slow_motion_is_no_error_of_units():
+    slow = 0.03 * SPEED * (1 + 0.3 * np.sin(0.11 * TIME))
+    load = 45.0 + 10.0 * np.sin(1.3 * TIME)
+    motor = load + 25.0 * np.sign(slow)
+    power = motor * slow + 0.004 * motor**2 + 3.0
+    balance = power_balance(power, load, slow)
+    assert balance.slope > 2.6 > 1.3 > balance.rubbed > 0.7
+    assert balance.share > 0.3
+    (found,) = [power_finding('J2', balance)]
+    assert found.severity == 'warning'
+    assert 'losses that grow with load and speed' in found.text
+
+
+def test_a_long_finding_is_printed_to_its_end(capsys):
+    noise = 50.0 + np.random.default_rng(0).normal(0.0, 5.0, len(TIME))
+    print_quality(Checked.of(recording(noise)))
+    out = capsys.readouterr().out
+    assert "the winding's current, if the log has it; in the map: torque: {from: …" in out

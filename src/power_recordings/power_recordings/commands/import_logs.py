@@ -13,7 +13,7 @@ from power_recordings.alignment.align import align
 from power_recordings.commands.info import print_quality
 from power_recordings.importing.convert import import_logs
 from power_recordings.importing.guess import guess_map
-from power_recordings.importing.listing import list_columns
+from power_recordings.importing.listing import extent, list_columns
 from power_recordings.importing.map_file import ImportMap, load_map
 from power_recordings.importing.plan import fitting_maps
 from power_recordings.importing.sources import open_source
@@ -75,7 +75,10 @@ def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.
     print_quality(checked)
     errors = {f.code for f in checked.quality.findings if f.severity == 'error'}
     if errors - {'slow_power'}:
-        print('next: mend the map as said above, and import again with --overwrite')
+        print(
+            'next: mend the map as said above, and import again with --overwrite; where it is '
+            'right, `power_lab fit` takes the recording with --ignore-unit-conflicts'
+        )
         return
     if not recording.has('drive_supply') and not recording.has('supply'):
         print('next: nothing in it was metered: a model of power cannot be fitted to it')
@@ -98,6 +101,7 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
         own = {column.address for column in other.columns()}
         same = 'the same columns' if own == columns else 'other columns: list it by itself'
         lines.append(f'# {printable(str(other.path))}: {same}')
+    lines += [f'# rows, min, max, changes: {part}'] if (part := extent(listed)) else []
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:

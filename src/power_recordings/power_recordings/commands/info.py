@@ -13,6 +13,7 @@ from power_recordings.index.kept_quality import Checked, checked
 from power_recordings.index.store import RecordingIndex, usual_path
 
 _WIDTH = 110
+_FINDING = 1000  # characters
 
 
 def run(options: argparse.Namespace) -> int:
@@ -85,12 +86,12 @@ def print_quality(checked: Checked) -> None:
     for problem in checked.problems:
         console.print(f'  note: {_plain(problem)}')
     for finding in quality.findings:
-        console.print(f'  {finding.severity}: {_plain(str(finding))}')
+        console.print(f'  {finding.severity}: {_plain(str(finding), _FINDING)}')
 
 
-def _plain(text: str) -> str:
+def _plain(text: str, longest: int = 200) -> str:
     """A text of a file or a user as rich prints it: no markup, no control characters."""
-    return escape(printable(text))
+    return escape(printable(text, longest))
 
 
 def _figure(value: float, form: str) -> str:

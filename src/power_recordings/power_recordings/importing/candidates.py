@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -19,10 +20,11 @@ _MOTION: Final = MECHANICAL[:3]  # a current alone may be one of three phases
 _WANTED = r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
 _ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
 _DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
+_AT = r'(dc|zk|bus|in|sup\w*|batt?)'  # behind a symbol of what a supply gives
 _OTHER = (
     r'scaling|fraction|limits?|mode|errors?|faults?|status|bits?|register|samples?|tool|tcp|force|'
     r'accelerometer|acc|imu|gnss|inertia|computed|momentum|receive|accuracy|hours|levels?|'
-    r'tacho|index|count(er)?s?|max|min|serial|pwm|duty|gain|t_ff'
+    r'ambient|umgebung|room|coolant|tacho|index|count(er)?s?|max|min|serial|pwm|duty|gain|t_ff'
 )
 """Words of columns that tell nothing of what is wanted."""
 # The first expression that fits decides; among columns of one quantity, the earlier is better.
@@ -50,24 +52,25 @@ _RULES: Final = (
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
     ('supply_power', rf'{_ROBOT}.*(power|watt)'),
-    ('temperature', r'^t_\w*(winding|mot)(?!.*_(in|out)$)'),
+    ('temperature', r'(^|_)t_\w*(winding|mot|wdg|wick|stator|coil)(?!.*_(in|out)$)'),
     (
         'temperature',
         r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))'
         r'|(?<!fet_)(^|_)temp.*(winding|motor)|motor_thermistor',
     ),
-    ('temperature', r'(^|_)temp'),
+    ('temperature', r'(^|_)temp|(^|_)t_(housing|case|geh)'),
     (
         'voltage',
-        rf'{_DC}.*(volt|_v(_|$))|v_?bus|(^|_)([uv]_?(dc|zk)|dc_?[uv])(_|$)|volt\w*_(dc|in)(_|$)',
+        rf'{_DC}.*(volt|_v(_|$))|v_?bus|(^|_)([uv]_?{_AT}|dc_?[uv])(_|$)|volt\w*_(dc|in)(_|$)',
     ),
     (
         'current',
-        rf'{_DC}.*(curr|(^|_)amps?(_|$))|i_?bus|(^|_)(i_?(dc|zk)|dc_?i)(_|$)|curr\w*_(dc|in)(_|$)',
+        rf'{_DC}.*(curr|(^|_)amps?(_|$))|i_?bus|(^|_)(i_?{_AT}|dc_?i)(_|$)|curr\w*_(dc|in)(_|$)',
     ),
     (
         'power',
-        r'(power|watt).*_(el\w*|dc|in)(_|$)|(^|_)p_?(el\w*|dc|in)(_|$)|(el|dc|in)\w*_(power|watt)',
+        r'(power|watt).*_(el\w*|dc|in)(_|$)|(el|dc|in)\w*_(power|watt)'
+        rf'|(^|_)p_?(el\w*|{_AT})(_|$)',
     ),
     ('torque', r'(load_?cell|sensor|transducer).*torque|torque.*(load_?cell|sensor|transducer)'),
     ('torque', r'(torque|trq|(^|_)tau|effort|moment)'),
@@ -78,18 +81,28 @@ _RULES: Final = (
     ('winding', r'motor_?current|current_?motor(_|$)'),
     ('winding', r'(actual|joint|measured|present).*current|current.*(actual|measured|present)'),
     ('winding', r'(^|_)i_?rms(_|$)'),
-    ('voltage', r'volt|(^|_)v(_|$)'),
+    ('voltage', r'volt|(^|_)[uv](_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
     ('power', r'power|watt'),
     ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
-    ('position', r'(pos|angle|theta|(^|_)q(_|$))'),
+    ('position', r'(pos|angle|theta|(^|_)q(_|$)|^phi(_|$))'),
+    ('torque', r'^m(_|$)'),
+    ('velocity', r'^n(_[a-z]+)?$'),
 )
-_VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)v(_|$)'))  # from which names do not say whose
+_VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)[uv](_|$)'))  # from here not whose it is
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
-_OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current')
+_OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'temperature')
 _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
 _PLAIN: Final = {'winding': 'current', 'loss': 'power'}
-_STILL: Final = ('voltage', 'supply_voltage')  # a supply may hold it
+_STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
+_SIDES: Final = (
+    r'[a-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
+    r'mean|avg|std|rms|var|peak|sim\w*|model|pred\w*|true|old|new|last|prev\w*'
+)
+"""Words that tell sides of a drive, or kinds of a signal, apart."""
+_NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
+_ONE: Final = 0.999  # correlation of speeds on one shaft
+_COMPARED: Final = 24  # columns of a kind, each with each
 _BRACKETS = re.compile(r'[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measurement
 
@@ -148,8 +161,8 @@ def _candidate(item: Listed) -> CandidateColumn | None:
     still = item.low == item.high or (item.rows > 1 and not item.changes > 0)
     if still and not (np.isfinite(item.low) and item.low != 0):
         return None
-    name = words(column.address)
     unit = column.unit or unit_of(column.address)
+    name = words(_stem(column.address) if '/' in unit else column.address)
     bracket = _BRACKETS.search(column.address)
     fits = quantities_of(unit) if unit else ()
     if bracket and bracket[1] in _OF_NO_SIZE:
@@ -166,11 +179,23 @@ def _candidate(item: Listed) -> CandidateColumn | None:
         for i, (q, rule) in enumerate(_RULES)
         if re.search(rule, name) and (not q or not fits or _plain(q) in fits) and not foreign
     )
-    by_unit = (_BY_UNIT, next((q for q in _OF_UNIT if q in fits), ''))
+    letter = not bracket and unit in ('C', 'F', 'K')  # which end the names of phases, too
+    by_unit = (_BY_UNIT, '' if letter else next((q for q in _OF_UNIT if q in fits), ''))
     rank, quantity = next(by_name, by_unit)
     if not quantity or (still and quantity not in _STILL):
         return None
+    if quantity == 'velocity' and not unit and (np.diff(item.values) == 1.0).all():
+        return None  # numbers of the rows
+    u = quantity == 'voltage' and not unit and name.startswith('u')
+    if u and -item.low > _NEGATIVE * item.high:
+        return None  # of a control law, as no supply turns round
     return CandidateColumn(quantity, rank, '', item)
+
+
+def _stem(address: str) -> str:
+    """Return a column's name without the unit in words at its end."""
+    unit = '[_ ](?:per[_ ])?'.join(map(re.escape, re.split(r'[/*]', unit_of(address))))
+    return re.sub(rf'[_ ]{unit}$', '', address) if unit else address
 
 
 def _plain(quantity: str) -> str:
@@ -224,21 +249,48 @@ def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
 
 
 def _by_word(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
-    """Name drives by first words that several columns of motion and of power share."""
-    if any(c.drive for c in found):
-        return list(found)
-    kinds: dict[str, set[str]] = defaultdict(set)
-    for c in found:
-        kinds[words(c.address).split('_')[0]].add(c.quantity)
-    drives = {
-        word
-        for word, own in kinds.items()
-        if {'velocity', 'position'} & own and {'current', 'power'} & own and len(own) > 2
-    }
-    if len(drives) < 2:
-        return list(found)
-    return [
-        replace(c, drive=word.upper()) if word in drives else c
-        for c in found
-        for word in (words(c.address).split('_')[0],)
-    ]
+    """Name drives by first or last words that columns of several quantities share.
+
+    Either of motion and of power, or two of motion that are there of another word, too, and go
+    their own way.
+    """
+    names = {c.address: words(_stem(c.address)).split('_') for c in found}
+    for place in (0, -1) if not any(c.drive for c in found) else ():
+        kinds: dict[str, set[str]] = defaultdict(set)
+        rows: dict[tuple[str, ...], list[CandidateColumn]] = defaultdict(list)
+        for c in found:
+            *rest, word = names[c.address] if place else names[c.address][::-1]
+            kinds[word].add(c.quantity)
+            if rest:
+                rows[c.quantity, *rest].append(c)
+        several: dict[str, set[str]] = defaultdict(set)
+        for (quantity, *_), row in rows.items():
+            if quantity in _MOTION and len(row) > 1 and not _coupled(row):
+                for c in row:
+                    several[names[c.address][place]].add(quantity)
+        drives = {
+            word
+            for word, own in kinds.items()
+            if ({'velocity', 'position'} & own and {'current', 'power'} & own and len(own) > 2)
+            or (len(several[word]) > 1 and not re.fullmatch(_SIDES, word))
+        }
+        if len(drives) > 1:
+            return [
+                replace(c, drive=word.upper()) if word in drives else c
+                for c in found
+                for word in (names[c.address][place],)
+            ]
+    return list(found)
+
+
+def _coupled(row: Sequence[CandidateColumn]) -> bool:
+    """Tell whether columns go as one shaft does, whose two ends or sides of a gear they are."""
+    for one, other in combinations(row[:_COMPARED], 2):
+        if len(one.values) != len(other.values):
+            continue
+        good = np.isfinite(one.values + other.values)
+        x, y = one.values[good], other.values[good]
+        moves = len(x) and np.ptp(x) > 0 and np.ptp(y) > 0
+        if moves and abs(np.corrcoef(x, y)[0, 1]) > _ONE:
+            return True
+    return False

@@ -18,7 +18,7 @@ from power_recordings.importing.evidence import (
     metered_pair,
 )
 from power_recordings.importing.listing import Listed
-from power_recordings.importing.map_file import FORMAT, QUANTITIES
+from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
 from power_recordings.importing.time_guess import time_line, yaml_text
 from power_recordings.importing.words import words
 
@@ -43,6 +43,7 @@ _POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is k
 _WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
 _TURNED: Final = 'sign by physics: power falls as torque × speed rises'
+_NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
 _NO_TORQUE: Final = (
     '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
     'motor: {from: COLUMN, unit: A, at: motor}'
@@ -51,11 +52,24 @@ _OTHER_SIDE: Final = (
     '    # motor_current: {{from: {}, unit: A}}   # what was commanded, N·m for A up to a '
     'constant: without the leading #, `fit` holds both sides of the gear against the power'
 )
-_NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column looks like it: fill in'
+_NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column is in volts: fill in'
+_MOTORS: Final = r'(^|_)(motor|mot|rotor)(_|$)'
+_COMPUTED: Final = r'(^|_)(est[a-z]*|hat|calc[a-z]*|cur[a-z]*|iq)(_|$)'
+_MEASURED: Final = r'sensor|load_?cell|transducer'
+_AT: Final = (
+    '    # at: motor is a torque computed from the current, at: joint that of a sensor behind the '
+    'gear; it decides which effects can be found: check'
+)
+_GEAR: Final = (
+    '    # gear_ratio: 1   # fill in: motor turns to one of the joint. at: motor then divides '
+    'position and velocity; torque of the shaft of the motor needs scale: RATIO'
+)
+_METER: Final = 'of a meter? If a firmware computes it from motor currents: computed: true'
 _NO_POWER: Final = (
     '    # current: {from: COLUMN, unit: A}   # no column looks like that of a supply; or power: '
     '{from: COLUMN, unit: W}'
 )
+_METERED: Final = ('voltage', 'current', 'power')
 _OTHERS: Final = 2  # candidates that are named beside the one that was taken
 
 
@@ -66,23 +80,39 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     for c in sorted(found, key=lambda c: (c.held, c.rank)):
         if c.quantity in (*QUANTITIES, 'winding'):
             by_drive[c.drive][c.quantity].append(c)
-    drives = {d: q for d, q in by_drive.items() if d and set(MECHANICAL) & set(q)}
+    drives = {
+        c.drive: by_drive[c.drive]
+        for c in found
+        if c.drive and set(MECHANICAL) & set(by_drive[c.drive])
+    }
     shared = {q: own for d, qs in by_drive.items() if d not in drives for q, own in qs.items()}
     if not drives and set(MECHANICAL) & set(shared):
         drives, shared = {'': shared}, {}
+    whole = {q: [c for c in found if c.quantity == f'supply_{q}'] for q in _METERED}
+    metered = any(_POWERS & set(own) for own in drives.values())
+    if not metered and len(drives) > 1:  # one meter of all
+        whole = {q: [*shared.pop(q, []), *own] for q, own in whole.items()}
+    elif not metered and drives and not _POWERS & set(shared):
+        (alone,) = drives.values()
+        for q in filter(whole.get, _METERED):
+            alone[q] = [*alone.get(q, ()), *(replace(c, quantity=q) for c in whole.pop(q))]
+    if not shared.get('voltage') and not all(own.get('voltage') for own in drives.values()):
+        of_others = [c for c in found if c.quantity in ('voltage', 'supply_voltage')]
+        shared['voltage'] = [replace(c, quantity='voltage') for c in of_others]
     lines = [
         f'format: {FORMAT}',
         'time: {stamp: header}   # or log' if is_bag else time_line(found, listed),
     ]
     lines.append('drives:')
     in_turns = any(re.search(_OF_ODRIVE, words(c.address)) for c in found)
-    own = {name or 'DRIVE': _Drive(q, shared, in_turns) for name, q in drives.items()}
-    chosen = [drive.choice for drive in own.values() if drive.choice is not None]
+    made = {name or 'DRIVE': _Drive(q, shared, in_turns) for name, q in drives.items()}
+    chosen = [drive.choice for drive in made.values() if drive.choice is not None]
     best = max(chosen, key=lambda choice: choice.score, default=None)
-    metered = 'supply:' in '\n'.join(supply := _supply_lines(found))
-    bodies = {name: drive.lines(best, metered) for name, drive in own.items()}
+    supply = _supply_lines(whole)
+    bodies = {name: drive.lines(best, bool(supply)) for name, drive in made.items()}
     for name, body in _folded(bodies).items():
-        lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:', *body]
+        lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:']
+        lines += [line for line in body if line not in (_AT, _GEAR) or line not in lines]
     if not drives:
         lines.append('  DRIVE: {}   # no column looks like a position, speed or torque: fill in')
     lines += supply
@@ -175,8 +205,18 @@ class _Drive:
         a supply of the whole robot.
         """
         self.choice = self.choice or best
-        lines = [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
+        lines = []
+        for quantity in QUANTITIES:
+            if (taken := self._taken.get(quantity)) is not None:
+                lines += [_AT] if quantity == 'torque' else []
+                lines.append(self._line(quantity, taken))
+            elif quantity in ('position', 'velocity'):
+                lines.append(_NONE.format(quantity, _GUESSED_UNIT[quantity]))
+        of_motor = [t for q in JOINT if (t := self._taken.get(q)) and self._at(t)[0] == 'motor']
+        lines = [_GEAR, *lines] if of_motor else lines
         lines += self._other_side()
+        if _POWERS & set(self._taken) and 'temperature' not in self._taken:
+            lines.append(_NONE.format('temperature', 'degC'))
         if 'torque' not in self._taken:
             lines.append(_NO_TORQUE)
         if _POWERS & set(self._taken) and 'voltage' not in self._taken:
@@ -210,14 +250,14 @@ class _Drive:
                 parts.append('scale: -1')
                 notes.append(_TURNED)
             parts.append(f'at: {at}')
-            notes.append(why)
+            notes += [why] if why else []
         if quantity in ('current', 'power'):
             fed = self._turned('power', taken)
             parts.append('positive: fed' if fed else 'positive: drawn')
             notes += [_TURNED] if fed else []
-            if re.search(r'ibus', words(taken.address).replace('_', '')):
-                parts.append('computed: true')
-                notes.append('a controller computes it from the currents of its motor')
+            if re.search(r'(^|_)i_?bus(_|$)', words(taken.address)):
+                parts += ['computed: true'] if self._in_turns else []
+                notes.append('an ODrive computes it' if self._in_turns else _METER)
         if taken in [c for own in self._shared.values() for c in own]:
             notes.append('shared by all drives?')
         rivals = [*self._own.get(taken.quantity, []), *self._shared.get(taken.quantity, [])]
@@ -259,7 +299,10 @@ class _Drive:
             return 'motor', 'a current; with its constant: scale: N*m/A, from_unit: A'
         if (made := made_of_current(taken, self._own.get('winding', []))) is not None:
             return 'motor', f'it is {abs(made[1]):.4g} × {printable(made[0].address)}'
-        return 'joint', 'at: motor where it is computed from a current'
+        name = words(taken.address)
+        if re.search(_MEASURED, name) or not (said := re.search(f'{_MOTORS}|{_COMPUTED}', name)):
+            return 'joint', ''
+        return 'motor', f'at: motor, as its name has {said[0].strip("_")}'
 
 
 def _velocity_apart_from_voltage(
@@ -301,15 +344,15 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
             re.sub(rf"(from: '?[^,'}}]*?){number}(?=[^\d,]*,)", r'\g<1>*', line) for line in body
         ]
     plain = [[line.split('   #')[0] for line in body] for body in stars.values()]
-    same = all(body == plain[0] and all('*' in line for line in body) for body in plain)
+    said = all('*' in line or not line.strip() for body in plain for line in body)
+    same = said and all(body == plain[0] for body in plain)
     return {'DRIVE_*': next(iter(stars.values()))} if same else dict(bodies)
 
 
-def _supply_lines(found: Sequence[CandidateColumn]) -> list[str]:
+def _supply_lines(whole: Mapping[str, list[CandidateColumn]]) -> list[str]:
     parts: list[str] = []
     note = ''
-    for quantity in ('voltage', 'current', 'power'):
-        own = [c for c in found if c.quantity == f'supply_{quantity}']
+    for quantity, own in whole.items():
         if own and not (quantity == 'power' and len(parts) == 2):
             best = min(own, key=lambda c: c.rank)
             unit = best.unit or _GUESSED_UNIT[quantity]

@@ -35,6 +35,19 @@ def list_columns(source: LogSource) -> list[Listed]:
     return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
 
 
+def extent(listed: Sequence[Listed]) -> str:
+    """Return which rows of a log the ranges are of, '' where they are of all."""
+    part = [
+        (item.rows, item.column.rows)
+        for item in listed
+        if item.rows < (item.column.rows or 0) or (item.column.rows is None and item.rows >= _ROWS)
+    ]
+    if not part:
+        return ''
+    rows, whole = max(part, key=lambda counts: counts[0])
+    return f'of the first {rows:,} rows' + (f' of {whole:,}' if whole else '')
+
+
 def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
     known = {column.address: column for column in columns}
     parts: dict[str, list[np.ndarray]] = {}

@@ -32,7 +32,7 @@ _SHARES: Final = {'%': 0.01, 'percent': 0.01, 'pct': 0.01, '1': 1.0, '-': 1.0}
 _SPELLINGS: Final = {
     'turn': ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r'),
     'turn/s': ('rps', 'rev/s', 'revs/s', 'turns/s', 'r/s', 'Hz'),
-    'rad/s': ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹'),
+    'rad/s': ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹', 'radps'),
     'rpm': (
         *('RPM', 'Rpm', 'r.p.m.', 'rev/min', 'r/min', '1/min', 'U/min'),
         *('min-1', 'min^-1', 'min⁻¹'),
@@ -44,7 +44,7 @@ _SPELLINGS: Final = {
     ),
     'degF': ('°F', 'F'),
     'deg': ('°', 'degrees'),
-    'deg/s': ('°/s', 'dps', 'degrees/s'),
+    'deg/s': ('°/s', 'dps', 'degrees/s', 'degps', 'deg/sec'),
     's': ('sec', 'secs', 'seconds', 'Seconds'),
     'ms': ('msec',),
     'us': ('µs', 'μs', 'usec'),
@@ -77,8 +77,9 @@ _MOMENT: Final = re.compile(
     rf'(?P<force>{_FORCE})[ .·⋅*_-]?(?P<lever>{_LEVER})'
     rf'|(?P<arm>in|inch|ft|foot)[ .·⋅*_-]?(?P<weight>{_FORCE})s?'
 )
-_STEP: Final = re.compile(r'[x×]?\s*(\d{1,9}(?:[.,]\d{1,9})?)\s*[x×*]?\s*(?=[^\d\s/.,*^-])')
+_STEP: Final = re.compile(r'[x×]?\s*(\d{1,9}(?:[.,]\d{1,9})?)\s*[x×*]?\s*(?=[^\d\s/_.,*^-])')
 """Of units such as `0.1 V`, of which a reading counts so many."""
+_RATE: Final = re.compile(r'^(1|[A-Za-z]{1,8})_(?:per_)?(s|sec|min)$')
 _ENERGY: Final = re.compile(r'(?i)[kmµ]?(wh|w\*?s|j|joules?|e?v\*?a?s|cal)')
 
 # What pint is given: names, products and small powers. It computes 9**9**9, too.
@@ -102,7 +103,7 @@ class Conversion:
 
 def _spelled(unit: str) -> str:
     """A unit as pint knows it."""
-    unit = unit.strip()
+    unit = _RATE.sub(r'\1/\2', unit.strip())
     if unit in _ALIASES:
         return _ALIASES[unit]
     found = _MOMENT.fullmatch('N' + unit[1:] if unit in ('nm', 'NM') else unit)

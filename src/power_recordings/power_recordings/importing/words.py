@@ -42,6 +42,7 @@ def words(address: str) -> str:
     """Return an address in lower case, words apart by _, without units in brackets and numbers."""
     name = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address) if address[:1] not in '[(' else address
     name = name.rpartition(':')[2]
+    name = 'power' if name == 'P' else re.sub(r'([A-Z])([A-Z][a-z]{2})', r'\1_\2', name)
     name = re.sub(r'([a-z])([A-Z])', r'\1_\2', name).lower()
     name = _FOREIGN.sub(lambda found: f'_{_OTHER_LANGUAGES[found[0]]}_', name)
     name = re.sub(r'[^a-z]+', '_', name).strip('_')

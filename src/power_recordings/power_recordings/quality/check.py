@@ -287,7 +287,9 @@ class _Checker:
         return balance
 
     def _balance(self, name: str, balance: physics.ShaftBalance | None) -> None:
-        found = None if balance is None else power_finding(name, balance)
+        ratios = {r for n, r in self._recording.card.gear_ratio.items() if name in ('', n)}
+        ratio = ratios.pop() if len(ratios) == 1 else 1.0
+        found = None if balance is None else power_finding(name, balance, ratio)
         if found and not any(
             f.drive == name and f.code == 'velocity_units' for f in self.findings
         ):

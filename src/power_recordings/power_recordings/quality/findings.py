@@ -38,6 +38,8 @@ _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear i
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
+_GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
+_SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
 _TURN: Final = 2 * np.pi
 
 # What a velocity that is so many times the rate of the position is, and the line that mends it.
@@ -88,9 +90,11 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
-def power_finding(drive: str, balance: ShaftBalance) -> Finding | None:
+def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) -> Finding | None:
     """Return what is amiss with the slope or the size of power, None where nothing is."""
     slope, margin = balance.slope, 2 * balance.error
+    if (geared := _gear_finding(drive, balance, gear_ratio)) is not None:
+        return geared
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
     if decided and slope < -margin:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
@@ -104,23 +108,47 @@ def power_finding(drive: str, balance: ShaftBalance) -> Finding | None:
     if slope < -2 * margin and balance.share > _HINTED:
         text = f'power falls with torque × speed, {balance}: is a sign wrong?'
         return Finding('power_slope', 'warning', drive, text)
-    if not decided or _USUAL[0] - margin < slope < _USUAL[1] + margin:
+    hinted = balance.share > _HINTED and slope > _SCALES[1] + margin
+    if not (decided or hinted) or _USUAL[0] - margin < slope < _USUAL[1] + margin:
         return None
     meaning, mend = _meaning(slope, _OF_POWER)
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
-    if meaning:
+    rubs = slope > _SCALES[1] and _USUAL[0] < balance.rubbed < _USUAL[1]
+    if decided and meaning and not rubs:
         return Finding('power_units', 'error', drive, f'{text}: {meaning}?', mend)
-    if _SCALES[0] < slope < _SCALES[1]:
-        text += (
-            f', which stands for {balance.share:.0%} of its variance: losses that grow with load '
-            'and speed, or a torque that is scaled'
-        )
+    of_all = f'{text}, which stands for {balance.share:.0%} of its variance'
+    if rubs or _SCALES[0] < slope < _SCALES[1]:
+        text = f'{of_all}: losses that grow with load and speed, or a torque that is scaled'
         return Finding('power_slope', 'warning', drive, text)
+    if not decided:
+        text = f"{of_all}, not by about 1: another unit, or torque of the motor's shaft?"
+        return Finding('power_slope', 'warning', drive, text, 'torque: {scale: GEAR RATIO}')
     text += (
         ', not by about 1: a gear between, or two units at once? Check those of torque, speed, '
         'voltage and current.'
     )
     return Finding('power_units', 'error', drive, text)
+
+
+def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | None:
+    """Return what is amiss where power grows by the gear ratio with torque × speed."""
+    slope = balance.slope
+    size = max(ratio, 1 / ratio)
+    if not (size > _GEARED and balance.share > _HINTED and 2 * balance.error < _SHARP * slope):
+        return None
+    meaning, _ = _meaning(slope, _OF_POWER)
+    text = f'power grows by {slope:.3g} W with each W of torque × speed, near '
+    other = f', or {meaning}' if meaning else ''
+    if _USUAL[0] < slope / ratio < _USUAL[1]:
+        text += (
+            f"gear_ratio {ratio:g}: torque of the motor's shaft, which is not multiplied by it"
+            f'{other}? Multiply it, beside its unit'
+        )
+        return Finding('power_units', 'error', drive, text, f'torque: {{scale: {ratio:g}}}')
+    if not meaning and _USUAL[0] < slope * ratio < _USUAL[1]:
+        text += f'1 / gear_ratio {ratio:g}: torque of the joint and speed of the motor?'
+        return Finding('power_units', 'error', drive, text, 'velocity: {at: motor}')
+    return None
 
 
 def computed_findings(card: Card) -> list[Finding]:

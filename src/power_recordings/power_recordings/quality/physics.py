@@ -43,7 +43,8 @@ class ShaftBalance:
     """Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, its standard error, R² of the whole.
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
-    explains. shaft, power: root mean squares of τω and P, W.
+    explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
+    copper loss that friction adds: in slow motion it looks like τω.
     """
 
     slope: float
@@ -52,6 +53,7 @@ class ShaftBalance:
     r2: float
     shaft: float
     power: float
+    rubbed: float
 
     def __str__(self) -> str:
         return (
@@ -85,6 +87,8 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
     design = design / scale
     found, *_ = np.linalg.lstsq(design, power, rcond=1e-10)
     remainder = float(np.var(power - design @ found))
+    heat = (torque * np.sign(velocity)).sum(axis=1, keepdims=True)
+    apart, *_ = np.linalg.lstsq(np.hstack([design, heat]), power, rcond=1e-10)
     others = design[:, 1:]
     common, *_ = np.linalg.lstsq(others, design[:, 0], rcond=1e-10)
     free = float(np.var(design[:, 0] - others @ common))
@@ -98,6 +102,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
         1 - remainder / spread,
         shaft,
         float(np.sqrt(np.mean(power**2))),
+        float(apart[0] / scale[0]),
     )
 
 

@@ -33,6 +33,10 @@ _NO_UNIT = ('-', '–', '%', '1')
 _LIKE_A_HEAD = 0.5  # names to a value
 _UNITS_THAT_ARE_NAMES = ('rpm', 'rps')
 _WORDS = ('cycle', 'turn', 'min', 'day', 'hour', 'year', 'a', 'd', 'h')  # that end names, too
+_TIMES = ('s', 'sec', 'ms', 'min')  # what a rate is over
+_LENGTHS = ('m', 'cm', 'mm', 'km')  # of which a rate is no speed of a drive
+_COUNTS = re.compile(r'(?i)(.*[^a-z])?(n|w|.*(speed|vel|omega|drehzahl))')  # what 1_min is of
+_FORCES = ('N', 'mN', 'cN', 'kN', 'kgf', 'ozf', 'lbf', 'oz', 'lb')
 _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 
 
@@ -132,11 +136,24 @@ def unit_of(name: str) -> str:
     if found:
         return found[1] if is_unit(found[1]) else ''
     *before, ending = re.split(r'[_ ]', name)
-    if before[-1:] == ['per'] or ending in _WORDS:
-        return ''
-    if ending == name and name.lower() not in _UNITS_THAT_ARE_NAMES:
+    if before and (both := _of_two_words(before, ending)) is not None:
+        return both
+    if ending in _WORDS or (not before and name.lower() not in _UNITS_THAT_ARE_NAMES):
         return ''
     return ending if len(ending) <= 5 and not ending.isdigit() and is_unit(ending) else ''
+
+
+def _of_two_words(before: Sequence[str], ending: str) -> str | None:
+    """The unit that two words make, as rad_s and N_m; '' of none, None where one may be."""
+    per = before[-1] == 'per'
+    *rest, first = before[:-1] if per else before
+    if first == '1' and ending in _TIMES and not _COUNTS.fullmatch('_'.join(rest)):
+        return None
+    if ending in _TIMES and is_unit(f'{first}/{ending}'):
+        return f'{first}/{ending}'
+    if first in _FORCES and is_unit(f'{first}*{ending}'):
+        return f'{first}*{ending}'
+    return '' if per or (ending in _TIMES and (first in _LENGTHS or is_unit(first))) else None
 
 
 def unique(names: Sequence[str]) -> tuple[str, ...]:
