@@ -6,6 +6,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import material
 from power_lab.diagnose.diagnosis import diagnosed
+from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.measurement import measurement_terms
 from power_lab.diagnose.verdict import MOST_WORDS, remainder, sentence, to_do
 from power_lab.structure.floors import above_floor
@@ -43,7 +44,8 @@ def test_nothing_is_named_where_nothing_is_missing(motion):
     found = diagnose({}, motion)
     assert (found.verdict, found.effects, found.residual) == ('no_evidence', (), None)
     assert 'No evidence' in words(found)
-    assert remainder(found) == ''
+    assert remainder(found, 1.0) == ''
+    assert f'(probability {certainty(found.found.any_missing)})' in words(found)
 
 
 @pytest.mark.parametrize(
@@ -97,9 +99,10 @@ def test_a_name_stands_beside_what_no_effect_explains():
     found = diagnose({'fan': 1.0, 'load_friction': 2.0})
     assert found.verdict == 'named'
     assert found.effects == ('load_friction',)
-    assert f'{found.residual.rms_w:.2f} W rms stays unexplained' in remainder(found)
+    told = remainder(found, 9.99)
+    assert f'Of 9.99 W of held-out error {found.residual.rms_w:.2f} W rms stays' in told
     assert found.residual.noise_w == pytest.approx(0.1, abs=0.03)
-    assert f"; the meter's noise is {found.residual.noise_w:.2f} W" in remainder(found)
+    assert f"the meter's noise ({found.residual.noise_w:.2f} W) and what passes" in told
 
 
 def test_a_small_effect_and_a_large_one_are_both_in_the_set_that_may_be_missing():

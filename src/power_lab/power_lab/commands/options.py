@@ -70,7 +70,7 @@ def next_command(command: str, options: argparse.Namespace, *more: object) -> st
         if chosen := getattr(options, name):
             words += [f'--{name.replace("_", "-")}', *chosen]
     words += ['--slow-meter'] if options.slow else []
-    words += ['--anyway'] if options.anyway else []
+    words += ['--ignore-unit-conflicts'] if options.anyway else []
     return f'next: ros2 run power_lab {shlex.join(map(str, words))}'
 
 
