@@ -66,7 +66,9 @@ def test_the_hidden_effect_is_named_with_its_probability_and_watts(
     assert (found.verdict, found.effects) == ('named', (hidden,))
     before, after = errors(found)
     assert after < 0.7 * before
-    assert f'missing: with it the error on held-out data falls from {before:.2f}' in words(found)
+    told = words(found)
+    assert 'missing: with it the ' in told
+    assert f' falls from {before:.2f} to {after:.2f} W' in told
     best = found.candidates[0]
     assert best.name == hidden
     assert best.probability >= 0.95
@@ -91,7 +93,7 @@ def test_an_unmodelled_effect_is_none_of_the_above_and_its_size_is_said(missing)
     assert found.effects == ()
     assert found.residual.rms_w == pytest.approx(errors(found)[0], rel=0.05)
     assert found.residual.rms_w > 1.0  # W; each of the three hides more
-    assert 'None of the known effects explains' in words(found)
+    assert 'No known effect explains' in words(found)
     assert 'discover' in to_do(found, 1.0, 1.0)
 
 

@@ -46,12 +46,12 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
     likely = diagnosis.effects or likeliest(diagnosis)
     names = ': {names}' if likely else ''
     if diagnosis.verdict == 'none_of_the_above' and likely:
-        template = f'None of the known effects explains {stays}; one {one}{names}.'
+        template = f'No known effect explains {stays}; one {one}{names}.'
         return _fitting(likely, 'or', template)
     any_ = certainty(diagnosis.found.any_missing)
     if diagnosis.verdict == 'none_of_the_above':
         return (
-            f'None of the known effects explains what the model misses: {stays}; that one is '
+            f'No known effect explains what the model misses: {stays}; that one is '
             f'missing has probability {any_}.'
         )
     if likely or diagnosis.found.any_missing >= _LIKELY:
