@@ -83,6 +83,8 @@ def test_two_hidden_effects_are_both_named():
     assert found.verdict == 'named'
     assert set(found.effects) == {'load_friction', 'rotor_inertia'}
     assert 'are missing: with them' in words(found)
+    for one in found.candidates:
+        assert one.interval[0] <= one.coefficient <= one.interval[1], one.name
 
 
 @pytest.mark.parametrize('missing', ['position_rub', 'fan', 'cross_talk'])

@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.sensors import SENSORS
 from power_lab.diagnose.findings import Diagnosis, Residual, certainty, rounded_down
-from power_lab.diagnose.verdict import MOST_WORDS, remainder, sentence, to_add, to_do, to_learn
+from power_lab.diagnose.measurement import MeasurementTerm
+from power_lab.diagnose.verdict import (
+    MOST_WORDS,
+    candidates_to_show,
+    remainder,
+    sentence,
+    to_add,
+    to_do,
+    to_learn,
+)
 
 CATALOGUE = builtin_catalogue()
 
@@ -187,6 +197,25 @@ def test_what_stays_is_never_more_than_the_error_that_it_is_a_part_of():
     assert own.rms_w == pytest.approx(0.4)  # 0.5² = 0.4² + 0.3²
     assert own.json()['share'] == pytest.approx(0.16 / 1.6, rel=1e-4)
     assert left_of(0.2, 0.3).within({}, {}).rms_w == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize('name', [*SENSORS])
+def test_each_error_of_the_measurement_is_said_with_what_would_check_it(name):
+    term = MeasurementTerm(name, -0.2, (-0.3, -0.1), 1.0, True, False, 'KNEE', False, {})
+    checks = ('weigh', 'read ', 'load it', 'compare', 'calibrate', 'turn ')
+    assert 'KNEE' in term.sentence
+    assert any(check in term.sentence for check in checks)
+
+
+def test_the_table_has_each_effect_that_the_sentence_names_and_says_how_many_are_left_out():
+    names = [one.name for one in CATALOGUE.physics()][:12]
+    found = diagnosis(
+        left_of(0.8, 0.8),
+        {name: 0.06 if name == names[-1] else 0.0 for name in names},
+        any_missing=0.6,
+    )
+    shown = candidates_to_show(found)
+    assert [one.name for one in shown] == [*names[:8], names[-1]]
 
 
 def test_no_probability_is_rounded_up_to_a_limit():

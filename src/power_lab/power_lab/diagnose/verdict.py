@@ -10,6 +10,7 @@ from power_lab.structure.words import in_words
 
 MOST_WORDS = 25
 """Words of the sentence."""
+_IN_TABLE = 8
 _LIKELY = 0.5  # that something is missing, from which the likeliest effects are said
 _ALIKE = 0.95  # of the largest fall of the held-out error: the same for all that is told
 
@@ -71,6 +72,12 @@ def likeliest(diagnosis: Diagnosis) -> tuple[str, ...]:
     best = diagnosis.uncertain
     first = [] if best is None else [best.name]
     return tuple(dict.fromkeys([*first, *(one.name for one in diagnosis.open)]))
+
+
+def candidates_to_show(diagnosis: Diagnosis) -> list[Candidate]:
+    """Return the most probable candidates, and all that the sentence may name."""
+    said = {*diagnosis.effects, *likeliest(diagnosis)}
+    return [one for i, one in enumerate(diagnosis.candidates) if i < _IN_TABLE or one.name in said]
 
 
 def _shown(diagnosis: Diagnosis) -> list[Candidate]:

@@ -12,10 +12,9 @@ from rich.table import Table
 
 from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.outcome import Outcome
-from power_lab.diagnose.verdict import likeliest
+from power_lab.diagnose.verdict import candidates_to_show
 from power_lab.structure.owners_terms import fitted_in_owners_terms
 
-_SHOWN = 8
 _AT_END = (
     '~ at the end of its interval: the fit and the posterior, which allows for errors of the '
     'sensors, disagree'
@@ -144,9 +143,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         table.add_column(
             column, justify='left' if column in ('effect', 'coefficient') else 'right'
         )
-    said = {*outcome.diagnosis.effects, *likeliest(outcome.diagnosis)}
-    all_ = outcome.diagnosis.candidates
-    shown = [one for i, one in enumerate(all_) if i < _SHOWN or one.name in said]
+    shown = candidates_to_show(outcome.diagnosis)
     for one in shown:
         low, middle, high = one.explains
         table.add_row(
@@ -159,7 +156,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             f'{one.drive}: {one.in_words}',
         )
     console.print(table)
-    if more := len(all_) - len(shown):
+    if more := len(outcome.diagnosis.candidates) - len(shown):
         console.print(f'and {more} less probable; all are in --json and --report')
     terms = _table('measurement: error if its faults are ignored')
     for column in ('error', 'W', 'value', '95 % interval', 'significant'):
