@@ -82,6 +82,20 @@ def test_errors_of_the_measurement_may_be_listed_but_are_in_every_fit_anyway(tmp
     assert read_model(path, CATALOGUE).effects == ('shaft', 'idle')
 
 
+def test_a_file_may_have_the_unit_that_a_coefficient_had_formerly(tmp_path):
+    path = tmp_path / 'base.yaml'
+    write_model(model(), path)
+    content = yaml.safe_load(path.read_text())
+    content['effects']['winding_heating'] = {'time_constant': 20.0}
+    content['drives']['KFE']['coefficients']['winding_heating'] = [
+        {'value': 0.5, 'unit': 'W/((N·m)²·K)'},
+        {'value': 0.0, 'unit': 'W/(N·m)²'},
+    ]
+    path.write_text(yaml.safe_dump(content, allow_unicode=True))
+    (group,) = read_model(path, CATALOGUE).groups
+    assert group.coefficients['winding_heating'][0].value == 0.5
+
+
 def coefficient(content, **changes):
     content['drives']['KFE']['coefficients']['copper_loss'][0].update(changes)
 
@@ -110,6 +124,7 @@ def coefficient(content, **changes):
             lambda c: coefficient(c, value='much'),
             "[0].value: expected -1e+12 to 1e+12, there is 'much'",
         ),
+        (lambda c: coefficient(c, unit='W/((N·m)²·K)'), "it must be in 'W/(N·m)²'"),
         (lambda c: coefficient(c, unit='mW'), "given in 'mW'; it must be in 'W/(N·m)²'"),
         (lambda c: coefficient(c, interval=[2.0, 1.0]), 'runs backwards'),
         (lambda c: coefficient(c, interval=[1.0]), 'interval: expected more values'),

@@ -11,9 +11,12 @@ from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.model_file.yaml_file import read_model
 from power_lab.commands.arguments import compare, diagnose, fit
 from power_lab.commands.options import console
+from power_lab.compare.notes import notes
 from power_lab.report.tables import print_model
 from power_recordings.commands.arguments import import_logs
 from real_logs import HOPPER, REAL
+
+from power_lab import Session
 
 MAP = """
 format: import/1
@@ -92,6 +95,19 @@ def test_the_drives_of_a_robot_that_is_metered_as_a_whole_are_told_apart(tmp_pat
     found = tmp_path / 'd.json'
     assert diagnose([str(bag), '--model', str(model), '--json', str(found)]) == 0
     assert json.loads(found.read_text())['verdict'] == 'no_evidence'
+
+
+def test_of_a_single_drive_behind_the_robots_meter_nothing_is_shared(tmp_path):
+    bag = recording(tmp_path, SUPPLY)
+    prepared = Session.open(bag).judge.prepared
+    one = replace(
+        prepared,
+        signals=prepared.signals.drive(0),
+        torque_constant=prepared.torque_constant[:1],
+    )
+    assert any('the drives share it' in line for line in notes(prepared))
+    assert not any('the drives share it' in line for line in notes(one))
+    assert any('idle has its electronics in it' in line for line in notes(one))
 
 
 def test_an_effect_that_a_whole_robots_model_lacks_is_named(tmp_path):
@@ -223,6 +239,12 @@ def test_fit_tells_the_power_balance_before_any_physics_and_errors_of_the_measur
     out = capsys.readouterr().out
     assert '0.04*' in next(line for line in out.splitlines() if 'power_gain' in line)
     assert 'J0 power_gain (upper)' in out
+    end = (FittedValue(0.04, (0.04, 0.09)),)
+    group = replace(group, coefficients={**group.coefficients, 'copper_loss': end})
+    print_model(console(), replace(fitted_model, groups=(group, *others)))
+    out = capsys.readouterr().out
+    assert '0.04~' in next(line for line in out.splitlines() if 'copper_loss k' in line)
+    assert '~ at the end of its interval: the fit and the posterior' in out
 
 
 def test_a_robot_that_generates_is_no_robot_of_wrong_sign(tmp_path):

@@ -59,6 +59,8 @@ def test_the_next_command_has_the_same_recordings_and_choices(tmp_path, monkeypa
     learned = next_command('discover', options, '--model', 'm.yaml')
     assert learned.endswith(' --ignore-unit-conflicts')
     assert learned.startswith("next: ros2 run power_lab discover 'b 1' --model m.yaml --drives")
+    options.anyway = True
+    assert next_command('discover', options).endswith(' --slow-meter --ignore-unit-conflicts')
     monkeypatch.chdir(tmp_path)
     assert unused('better.yaml') == 'better.yaml'
     (tmp_path / 'better.yaml').touch()
@@ -118,7 +120,7 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert effects['stribeck_friction'].scale == 0.0
 
 
-def test_where_nothing_is_missing_it_says_what_is_open_and_how_to_see_it(bag, tmp_path):
+def test_where_nothing_is_missing_it_says_what_is_open_and_how_to_see_it(bag, tmp_path, capsys):
     model, found = tmp_path / 'whole.yaml', tmp_path / 'd.json'
     effects = ['--effects', f'{KNOWN},load_friction', '-o', str(model)]
     assert fit_command([str(bag), *effects]) == 0
@@ -126,6 +128,12 @@ def test_where_nothing_is_missing_it_says_what_is_open_and_how_to_see_it(bag, tm
     told = json.loads(found.read_text())
     assert (told['verdict'], told['residual']) == ('no_evidence', None)
     assert told['any_missing'] < 0.95
+    stays = f'{told["unexplained"]["rms_w"]:.2f} W ('
+    assert stays in told['sentence']
+    assert told['unexplained']['rms_w'] <= told['drives']['LF_KFE']['rmse_w']
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        f'next: ros2 run power_lab diagnose {bag} --model {model} --motion next.yaml'
+    )
     chances = {row['name']: row['probability'] for row in told['candidates']}
     assert max(chances.values()) < 0.95
     open_ = [one['effect'] for one in told['limits']]
@@ -187,7 +195,14 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
 @pytest.mark.parametrize(
     ('effects', 'words'),
     [
-        ('shaft,magic', "unknown effect 'magic'"),
+        ('shaft,magic', "unknown effect 'magic'; known are"),
+        (
+            'regeneration',
+            "'regeneration'; did you mean regeneration_efficiency (of the power that",
+        ),
+        ('regeneration', 'at the bus) or regeneration_limit (the supply takes nothing back'),
+        ('series_spring', 'did you mean spring (the'),
+        ('iron_los', 'did you mean iron_loss ('),
         ('shaft,shaft', 'one is named twice in shaft,shaft'),
         ('power_gain', 'errors of the measurement'),
         (',', 'effects: none is named'),

@@ -6,6 +6,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import material
 from power_lab.diagnose.diagnosis import diagnosed
+from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.measurement import measurement_terms
 from power_lab.diagnose.verdict import MOST_WORDS, remainder, sentence, to_do
 from power_lab.structure.floors import above_floor
@@ -43,7 +44,8 @@ def test_nothing_is_named_where_nothing_is_missing(motion):
     found = diagnose({}, motion)
     assert (found.verdict, found.effects, found.residual) == ('no_evidence', (), None)
     assert 'No evidence' in words(found)
-    assert remainder(found) == ''
+    assert remainder(found, 1.0) == ''
+    assert f'(probability {certainty(found.found.any_missing)})' in words(found)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +66,9 @@ def test_the_hidden_effect_is_named_with_its_probability_and_watts(
     assert (found.verdict, found.effects) == ('named', (hidden,))
     before, after = errors(found)
     assert after < 0.7 * before
-    assert f'missing: with it the error on held-out data falls from {before:.2f}' in words(found)
+    told = words(found)
+    assert 'missing: with it the ' in told
+    assert f' falls from {before:.2f} to {after:.2f} W' in told
     best = found.candidates[0]
     assert best.name == hidden
     assert best.probability >= 0.95
@@ -79,6 +83,8 @@ def test_two_hidden_effects_are_both_named():
     assert found.verdict == 'named'
     assert set(found.effects) == {'load_friction', 'rotor_inertia'}
     assert 'are missing: with them' in words(found)
+    for one in found.candidates:
+        assert one.interval[0] <= one.coefficient <= one.interval[1], one.name
 
 
 @pytest.mark.parametrize('missing', ['position_rub', 'fan', 'cross_talk'])
@@ -89,7 +95,7 @@ def test_an_unmodelled_effect_is_none_of_the_above_and_its_size_is_said(missing)
     assert found.effects == ()
     assert found.residual.rms_w == pytest.approx(errors(found)[0], rel=0.05)
     assert found.residual.rms_w > 1.0  # W; each of the three hides more
-    assert 'None of the known effects explains' in words(found)
+    assert 'No known effect explains' in words(found)
     assert 'discover' in to_do(found, 1.0, 1.0)
 
 
@@ -97,9 +103,10 @@ def test_a_name_stands_beside_what_no_effect_explains():
     found = diagnose({'fan': 1.0, 'load_friction': 2.0})
     assert found.verdict == 'named'
     assert found.effects == ('load_friction',)
-    assert f'{found.residual.rms_w:.2f} W rms stays unexplained' in remainder(found)
+    told = remainder(found, 9.99)
+    assert f'Of 9.99 W of held-out error {found.residual.rms_w:.2f} W rms stays' in told
     assert found.residual.noise_w == pytest.approx(0.1, abs=0.03)
-    assert f"; the meter's noise is {found.residual.noise_w:.2f} W" in remainder(found)
+    assert f"the meter's noise ({found.residual.noise_w:.2f} W) and what passes" in told
 
 
 def test_a_small_effect_and_a_large_one_are_both_in_the_set_that_may_be_missing():

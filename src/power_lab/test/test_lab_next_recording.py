@@ -30,6 +30,17 @@ def test_each_effect_is_shown_for_long_enough_to_be_told_from_chance(effect):
     assert sum(segment['seconds'] for segment in shown) >= LEAST_OF_EACH
 
 
+@pytest.mark.parametrize('effect', ['regeneration_efficiency', 'regeneration_limit'])
+def test_a_motion_for_a_single_drive_tells_of_no_other_drives(effect):
+    alone, both = (
+        separating_motion([effect], builtin_catalogue(), names, 'a tie')
+        for names in (['KNEE'], ['KNEE', 'HIP'])
+    )
+    assert 'other' not in alone.reason
+    assert 'other' in both.reason
+    assert alone.segments == both.segments
+
+
 def test_a_short_motion_beside_a_long_one_is_repeated_for_its_own_sake():
     catalogue = builtin_catalogue()
     alone = separating_motion(['cogging'], catalogue, ['LF_KFE'], 'a tie').seconds

@@ -18,6 +18,12 @@ def test_a_winding_whose_loss_grows_as_coppers_is_said_beside_copper():
     assert found == 'the winding gains 0.39 (0.195 … 0.78) %/K; copper: 0.39'
 
 
+def test_the_coefficient_of_a_winding_as_warm_as_copper_is_that_of_its_copper_loss():
+    heating, copper = (EFFECTS[name].terms[0] for name in ('winding_heating', 'copper_loss'))
+    assert heating.unit == copper.unit == 'W/(N·m)²'
+    assert heating.formerly == 'W/((N·m)²·K)'
+
+
 def test_growth_with_a_temperature_that_nobody_measured_has_no_such_term():
     assert said('winding_heating', 'c', 0.5, (0.25, 1.0), time_constant=20.0) == ''
 

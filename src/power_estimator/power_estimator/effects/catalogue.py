@@ -5,6 +5,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,6 +27,7 @@ from power_estimator.effects.library import (
 )
 from power_estimator.effects.signals.state import Signals
 
+_NEAR = 3  # names that are offered for an unknown one
 _BUILTIN = (
     mechanics.SHAFT,
     winding.COPPER_LOSS,
@@ -82,10 +84,16 @@ class Catalogue(Mapping[str, Effect]):
         """Return the effect of that name; InputError, with the names there are, for another."""
         if name not in self._effects:
             raise InputError(
-                f'{where}: unknown effect {name!r}; known are {", ".join(self._effects)}'
-                ' (your own go by --effects-path FILE.py)'
+                f'{where}: unknown effect {name!r}{self._near(name)}; known are '
+                f'{", ".join(self._effects)} (your own go by --effects-path FILE.py)'
             )
         return self._effects[name]
+
+    def _near(self, name: str) -> str:
+        within = [one for one in self._effects if name and (one in name or name in one)]
+        near = within[:_NEAR] or get_close_matches(name, self._effects, _NEAR)
+        told = ' or '.join(f'{one} ({self._effects[one].physics})' for one in near)
+        return f'; did you mean {told}?' if told else ''
 
     def physics(self) -> tuple[Effect, ...]:
         """Effects of the drive."""

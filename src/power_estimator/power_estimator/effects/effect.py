@@ -32,6 +32,7 @@ class Term:
     prior: float = np.inf  # spread known beforehand; finite for measurement terms
     attained: bool = False  # real drives may lie at the upper bound
     of_recording: bool = False  # a state at its start, which no other recording has
+    formerly: str | None = None  # the unit by which files may have the same value
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,11 @@ class Excitation:
     frequency: float = 0.0  # Hz, for reversals
     amplitude: float = 0.0  # rad, for reversals
     supply: tuple[float, ...] = ()  # V, bus voltages to repeat the motion at
+    alone: str = ''  # the text where there is one drive, '' for the same
+
+    def told(self, drives: int) -> str:
+        """The motion in words for so many drives."""
+        return self.alone or self.text if drives == 1 else self.text
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,6 +1,7 @@
 """`ros2 run power_lab diagnose`: which physical effect a model misses."""
 
 import argparse
+import shlex
 from pathlib import Path
 
 from drive_bench.motion.joint_limits import limits_of
@@ -39,7 +40,12 @@ def run(options: argparse.Namespace) -> int:
     if outcome.next_effects and options.model.endswith('.yaml'):
         model = ('--to', options.model, '-o', common.unused('better.yaml'))
         print(common.next_command('add', options, *outcome.next_effects, *model))
-    elif outcome.verdict == 'none_of_the_above' and not outcome.prepared.whole:
+    elif outcome.to_learn:
         learned = ('--model', options.model, '-o', common.unused('effect.py'))
         print(common.next_command('discover', options, *learned))
+    elif options.motion:
+        print(f'next: ros2 run drive_bench run {shlex.quote(str(options.motion))} --record')
+    else:
+        asked = ('--model', options.model, '--motion', common.unused('next.yaml'))
+        print(common.next_command('diagnose', options, *asked))
     return 0

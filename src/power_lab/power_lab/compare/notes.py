@@ -22,12 +22,14 @@ def notes(prepared: Prepared) -> list[str]:
             f'{prepared.seconds:.1f} s are little: believe the intervals, not the values; '
             f'diagnose needs {LEAST_TO_JUDGE:.0f} s'
         )
-    if prepared.whole:
+    if prepared.whole and len(prepared.signals.names) > 1:
         found.append(
             'only the power of the whole robot was measured: the drives share it by how they '
             'move, drives that move alike cannot be told apart, and idle is the constant of the '
             'robot, spread evenly'
         )
+    elif prepared.whole:
+        found.append('the power of the whole robot was measured: idle has its electronics in it')
     if prepared.reducer.window:
         found.append(
             f'the meter is slow: energy over {prepared.reducer.window:.1f} s was judged, nothing '

@@ -27,37 +27,38 @@ _MOST_CAUSES = 3
 _OF_FORMULAS = 'departures of'  # causes that are an effect's departure from its formula
 
 
-def missed_w2(evidence: Evidence, prepared: Prepared) -> Floats:
-    """Squared held-out error of a model, W² [M], without what no model can follow.
+def chance_w2(evidence: Evidence, prepared: Prepared) -> Floats:
+    """Squared error that no model can follow, W² [M].
 
     That is the meter's noise, and what the joint signals do between two samples.
     """
     by_chance = np.square(np.nan_to_num(prepared.noise))
     if not prepared.steady:
         by_chance = by_chance + np.square(unseen(prepared, evidence.fit))
-    return np.asarray(np.maximum(evidence.mean_mse - by_chance, 0.0))
+    return by_chance
 
 
-def residual(
-    found: JudgedEffects, base: Evidence, best: Evidence, prepared: Prepared
-) -> Residual | None:
+def residual(found: JudgedEffects, base: Evidence, best: Evidence, prepared: Prepared) -> Residual:
     """Error that stays with the names.
 
-    None below what a good sensor's scale is off by, of the rms power: on average over the meters,
-    or twice that on one alone.
+    It counts from what a good sensor's scale is off by, of the rms power: on average over the
+    meters, or from twice that on one alone.
     """
-    left = missed_w2(best, prepared)
-    missed = np.maximum(missed_w2(base, prepared), left)
-    share = left / np.maximum(np.nanmean(np.square(prepared.power_at(0.0)), axis=0), 1e-12)
-    if share.mean() < OFF**2 and share.max() < (_ALONE * OFF) ** 2:
-        return None
-    known = prepared.noise[np.isfinite(prepared.noise)]
+    by_chance = chance_w2(best, prepared)
+    left = np.maximum(best.mean_mse - by_chance, 0.0)
+    missed = np.maximum(base.mean_mse - chance_w2(base, prepared), left)
+    power = np.nanmean(np.square(prepared.power_at(0.0)), axis=0)
+    share = left / np.maximum(power, 1e-12)
+    counts = share.mean() >= OFF**2 or share.max() >= (_ALONE * OFF) ** 2
     return Residual(
-        rms_w=float(np.sqrt(left.mean())),
-        share=float(left.sum() / max(missed.sum(), 1e-12)),
+        left=left,
+        missed=missed,
+        by_chance=by_chance,
+        power=power,
+        noise=prepared.noise,
         over=_causes(found, left, prepared),
-        noise_w=float(np.sqrt(np.mean(np.square(known)))) if known.size else float('nan'),
-        drives=dict(zip(prepared.names, np.sqrt(left).tolist(), strict=True)),
+        names=tuple(prepared.names),
+        counts=bool(counts),
     )
 
 
@@ -133,7 +134,7 @@ def diagnosed(
         base=fits.base,
         best=best,
         candidates=_candidates(found, fits),
-        residual=residual(found, fits.base, best, own.prepared),
+        left=residual(found, fits.base, best, own.prepared),
         raising=_raising(found.named, best, fits),
     )
 
@@ -179,7 +180,7 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
     gain = fits.base.mean_mse - evidence.mean_mse
     before, after = (np.sqrt(one.mean_mse.mean()) for one in (fits.base, evidence))
     variance = np.nansum(np.nanvar(prepared.power_at(0.0), axis=0))
-    missed = float(missed_w2(fits.base, prepared).mean())
+    missed = float(np.maximum(fits.base.mean_mse - chance_w2(fits.base, prepared), 0.0).sum())
     low, middle, high = judged.explains.tolist()
     drive, columns = int(np.argmax(gain)), fit.structure.columns_of(active.name)
     size = np.sqrt(np.nanmean(np.square(fit.design.columns[:, drive, columns]), axis=0))
@@ -192,7 +193,10 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
         copper = np.median(found.meters[drive].coefficients.get('copper_loss', [[]]), axis=0)
     else:
         values = fit.coefficients[:, columns]
-        interval = fits.fitter.intervals(fit, fits.seed)[drive, columns[lead]]
+        place = drive, columns[lead]
+        interval = fits.fitter.intervals(fit, fits.seed)[place]
+        if not interval[0] <= values[drive, lead] <= interval[1]:
+            values[drive, lead] = fits.fitter.intervals(fit, fits.seed, level=0.0)[place][0]
     term = active.effect.terms[lead]
     value, bounds = float(values[drive, lead]), (float(interval[0]), float(interval[1]))
     read_beside = DriveAtWork.of(prepared, drive, float(copper[0]) if copper.size else 0.0)
@@ -200,7 +204,7 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
         active=active,
         probability=judged.probability,
         explains=(low, middle, high),
-        share=min(1.0, middle**2 / missed) if missed > 0.0 else 0.0,
+        share=float(np.clip(gain.sum() / max(missed, 1e-12), 0.0, 1.0)),
         family='',
         delta_r2=float(gain.sum() / max(variance, 1e-12)),
         delta_rmse_w=float(before - after),

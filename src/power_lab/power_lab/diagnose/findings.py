@@ -1,7 +1,8 @@
 """Findings of a diagnosis: candidates, what is left, and the verdict that follows."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -19,12 +20,24 @@ UNLIKELY = 0.05
 """Probability below which an effect is no candidate of a set that may be missing."""
 _MUCH = 0.1  # of the held-out error
 _LIKELY = 0.5  # of all effects of such a set together
+_OF_NOISE = 5.0  # rms of a residual that a circuit without missing effects stays below
 _OF_BEST, _LEAST_FALL = 0.1, 0.01  # of the largest fall of the error, and of the error
 
 
 def short(value: float) -> float:
     """Five digits, as JSON has them."""
     return float(f'{value:.5g}')
+
+
+def rounded_down(probability: float, digits: int) -> float:
+    """Probability with so many digits, which reaches no limit that it does not reach itself."""
+    return math.floor(probability * 10**digits + 1e-9) / 10**digits
+
+
+def certainty(probability: float) -> str:
+    """Probability with two digits."""
+    down = rounded_down(probability, 2)
+    return f'{down:.2f}' if down else '< 0.01'
 
 
 @dataclass(frozen=True)
@@ -34,7 +47,7 @@ class Candidate:
     active: Active
     probability: float  # that it is missing
     explains: tuple[float, float, float]  # W rms that no known effect can, at 2.5, 50, 97.5 %
-    share: float  # of what the model misses, by the square of its watts
+    share: float  # of what the model misses, by the square, that goes when it is added alone
     family: str  # effects that explain the same here, joined by slashes
     delta_r2: float  # gain on held-out data when it is added alone
     delta_rmse_w: float
@@ -66,7 +79,7 @@ class Candidate:
         return {
             'name': self.name,
             'family': self.family,
-            'probability': round(self.probability, 4),
+            'probability': rounded_down(self.probability, 4),
             'explains_w': short(middle),
             'explains_interval': [short(low), short(high)],
             'share': short(self.share),
@@ -85,22 +98,63 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Residual:
-    """Power that neither the model nor a known effect explains, more than the meter's noise."""
+    """Held-out error of M meters beyond what no model can follow, W² [M], beside the names."""
 
-    rms_w: float
-    share: float  # of what the model misses, by the square of its watts
+    left: Floats
+    missed: Floats  # the same without what is named
+    by_chance: Floats  # of the meter's noise, and of what passes between two samples
+    power: Floats
+    noise: Floats  # of the meter, W [M]; NaN where it is not known
     over: tuple[str, ...]  # causes that it follows, the largest first
-    noise_w: float  # of the meter
-    drives: dict[str, float]  # W rms
+    names: tuple[str, ...]  # of the meters
+    counts: bool  # whether it is so much of the power that an effect may be in it
+
+    def within(self, before: Mapping[str, float], after: Mapping[str, float]) -> 'Residual':
+        """The residual at most as large as what the judge has, W by meter."""
+
+        def less(own: Floats, errors: Mapping[str, float]) -> Floats:
+            judged = np.square([errors.get(name, np.inf) for name in self.names])
+            return np.minimum(own, np.maximum(judged - self.by_chance, 0.0))
+
+        return replace(self, left=less(self.left, after), missed=less(self.missed, before))
+
+    @property
+    def rms_w(self) -> float:
+        """W over the meters."""
+        return float(np.sqrt(self.left.mean()))
+
+    @property
+    def of_power(self) -> float:
+        """W rms over the rms power."""
+        return float(np.sqrt(self.left.sum() / max(self.power.sum(), 1e-12)))
+
+    @property
+    def noise_w(self) -> float:
+        """W rms of the meters whose noise is known, else NaN."""
+        known = self.noise[np.isfinite(self.noise)]
+        return float(np.sqrt(np.mean(np.square(known)))) if known.size else float('nan')
+
+    @property
+    def stands_out(self) -> bool:
+        """Return whether it counts, or is a multiple of the noise."""
+        return self.counts or self.rms_w > _OF_NOISE * self.noise_w
+
+    @property
+    def most(self) -> bool:
+        """Return whether more than half of what the model misses stays with the names."""
+        return bool(self.left.sum() > 0.25 * self.missed.sum())
 
     def json(self) -> dict[str, Any]:
         """As `diagnose --json` writes it."""
         return {
             'rms_w': short(self.rms_w),
-            'share': short(self.share),
+            'share': short(min(1.0, self.left.sum() / max(self.missed.sum(), 1e-12))),
             'over': list(self.over),
             'noise_w': short(self.noise_w) if np.isfinite(self.noise_w) else None,
-            'drives': {name: short(watts) for name, watts in self.drives.items()},
+            'drives': {
+                name: short(watts)
+                for name, watts in zip(self.names, np.sqrt(self.left).tolist(), strict=True)
+            },
         }
 
 
@@ -114,9 +168,13 @@ class Diagnosis:
     base: Evidence
     best: Evidence
     candidates: tuple[Candidate, ...]  # the most probable first
-    residual: Residual | None  # None where it is too small to be an effect
-
+    left: Residual  # what stays with the names
     raising: tuple[str, ...] = ()  # of several names, those that raise the held-out error
+
+    @property
+    def residual(self) -> Residual | None:
+        """What stays, None where it is too small to be an effect."""
+        return self.left if self.left.counts else None
 
     @property
     def verdict(self) -> Verdict:
@@ -137,14 +195,16 @@ class Diagnosis:
     def effects(self) -> tuple[str, ...]:
         """Names of effects that are certain, or else of those of which one is.
 
-        Of the latter, each has to lower the held-out error: evidence that does not is of what no
-        formula explains.
+        Of the latter, each has to lower the held-out error beside one that does, or beside a
+        residual: evidence that does not is of what no formula explains.
         """
         if self.found.named:
             return tuple(active.name for active in self.actives)
         most = max((one.delta_rmse_w for one in self.open), default=0.0)
         least = max(_OF_BEST * most, _LEAST_FALL * float(np.sqrt(self.base.mean_mse.mean())))
         shown = [one for one in self.open if one.delta_rmse_w >= least]
+        if not shown and self.residual is None:
+            shown = list(self.open)
         likely = sum(one.probability for one in shown)
         sure = self.found.any_missing >= NAMED and likely >= _LIKELY
         return tuple(one.name for one in shown) if sure else ()

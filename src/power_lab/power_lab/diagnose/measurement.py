@@ -52,8 +52,7 @@ class MeasurementTerm:
         unit = SENSORS[self.name].unit
         return (
             f'The measurement of {self.drive} may be off: {self.name.replace("_", " ")} '
-            f'{self.value:.3g} {unit if unit != "1" else ""}'.rstrip()
-            + '.'
+            f'{self.value:.3g} {unit}; {_CHECKS[self.name]}.'
         )
 
 
@@ -131,7 +130,7 @@ def _power_gain(term: MeasurementTerm) -> str:
 def _torque_bias(term: MeasurementTerm) -> str:
     return (
         f'The torque of {term.drive} has a constant error of {term.value:.2g} N·m: the zero of '
-        'its sensor, or friction in one direction.'
+        'its sensor, or friction in one direction; read it unloaded at rest, from both sides.'
     )
 
 
@@ -140,4 +139,14 @@ _IN_WORDS: Mapping[str, Callable[[MeasurementTerm], str]] = {
     'torque_scale': _torque_scale,
     'power_gain': _power_gain,
     'torque_bias': _torque_bias,
+}
+_CHECKS: Mapping[str, str] = {
+    'current_offset': 'read the meter with the drive unplugged',
+    'offset_drift': 'read the meter with the drive unplugged, before and after',
+    'torque_hysteresis': 'load it with known masses, more and more and then less',
+    'torque_slip': 'load it with known masses, more and more and then less',
+    'velocity_lag': 'compare it with the slope of the position, and turn its filter off',
+    'torque_lag': 'compare it with the current at a step of torque, and turn its filter off',
+    'time_offset': 'compare the stamps of power and torque at a step of torque',
+    'meter_filter': 'turn the averaging of the meter off, or record it faster',
 }

@@ -98,7 +98,7 @@ def separating_motion(
     texts = []
     for name in effects:
         excitation = _scaled(catalogue[name].excitation, scale)
-        texts.append(f'{name}: {excitation.text}')
+        texts.append(f'{name}: {excitation.told(len(drives))}')
         supply.update(excitation.supply)
         new = _long_enough(_segments(excitation))
         if not all(segment in segments for segment in new):

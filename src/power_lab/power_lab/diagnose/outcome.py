@@ -1,7 +1,7 @@
 """Diagnose a model on recordings: from files to the outcome that is printed and written."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,11 +17,11 @@ from power_estimator.posterior.priors import LEAST_TO_JUDGE, MOST_SECONDS
 
 from power_lab.compare.notes import notes
 from power_lab.diagnose.diagnosis import diagnosed
-from power_lab.diagnose.findings import Diagnosis, short
+from power_lab.diagnose.findings import Diagnosis, certainty, rounded_down, short
 from power_lab.diagnose.judged_steps import JudgedSteps, judged_steps
 from power_lab.diagnose.measurement import MeasurementTerm, measurement_terms
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.verdict import remainder, sentence, to_add, to_do
+from power_lab.diagnose.verdict import remainder, sentence, to_add, to_do, to_learn
 from power_lab.structure.words import in_words
 
 _MOST_ASKED = 3
@@ -60,6 +60,11 @@ class Outcome:
         """Effects to add to the model."""
         return to_add(self.diagnosis, *self._errors)
 
+    @property
+    def to_learn(self) -> bool:
+        """Whether `discover` may learn what stays."""
+        return to_learn(self.diagnosis)
+
     @cached_property
     def headline(self) -> str:
         """Error of a sensor that is beyond what such sensors are known for, '' for none."""
@@ -68,10 +73,16 @@ class Outcome:
 
     @cached_property
     def lines(self) -> list[str]:
-        """Headline of the measurement, verdict, what is left and what to do, a line each."""
-        left = remainder(self.diagnosis)
+        """Headline of the measurement, verdict, what is left and what to do, a line each.
+
+        Then the other errors of the measurement that matter, with what would check them.
+        """
+        left = remainder(self.diagnosis, self._errors[1])
         next_step = to_do(self.diagnosis, *self._errors)
-        return [one for one in (self.headline, self.sentence, left, next_step) if one]
+        first = [one for one in (self.headline, self.sentence, left, next_step) if one]
+        matter = [term for term in self.measurement.values() if term.matters]
+        matter.sort(key=lambda term: -term.watts)
+        return list(dict.fromkeys([*first, *(term.sentence for term in matter)]))
 
     @cached_property
     def notes(self) -> list[str]:
@@ -80,8 +91,8 @@ class Outcome:
         for name in self.diagnosis.raising:
             (one,) = (c for c in self.diagnosis.candidates if c.name == name)
             found.append(
-                f'{in_words(name)} is named by its probability of {one.probability:.2f}; the '
-                'error on held-out data is lower without it'
+                f'{in_words(name)} is named by its probability of {certainty(one.probability)}; '
+                'the error on held-out data is lower without it'
             )
         if self.prepared.seconds < self.seconds - 1.0:
             found.append(
@@ -93,12 +104,14 @@ class Outcome:
     @property
     def limits(self) -> list[dict[str, Any]]:
         """Effects that these recordings cannot decide on, and the motion that would."""
+        drives = len(self.prepared.signals.names)
+        drives = len(self.prepared.signals.names)
         return [
             {
                 'effect': one.name,
-                'probability': round(one.probability, 4),
+                'probability': rounded_down(one.probability, 4),
                 'up_to_w': short(one.explains[2]),
-                'needs': self.catalogue[one.name].excitation.text,
+                'needs': self.catalogue[one.name].excitation.told(drives),
             }
             for one in self.diagnosis.open
         ]
@@ -119,7 +132,7 @@ class Outcome:
             'sentence': self.sentence,
             'notes': self.notes,
             'effects': list(d.effects),
-            'any_missing': round(d.found.any_missing, 4),
+            'any_missing': rounded_down(d.found.any_missing, 4),
             'active': list(self.model.effects),
             'measurement': {name: term.json() for name, term in self.measurement.items()},
             'candidates': [one.json() for one in d.candidates],
@@ -127,6 +140,7 @@ class Outcome:
                 'r2': short(residual / max(missed, 1e-12)),
                 'worst': left[0].json() if left else None,
             },
+            'unexplained': {'rms_w': short(d.left.rms_w), 'of_power': short(d.left.of_power)},
             'residual': None if d.residual is None else d.residual.json(),
             'limits': self.limits,
             'next_recording': self.motion.content(),
@@ -166,7 +180,8 @@ def diagnose(
     diagnosis = diagnosed(own, model.structure.actives, catalogue, seed, show)
     show('judging the steps on held-out data')
     judged = judged_steps(judge, given, model, diagnosis, spec)
-    prepared = diagnosis.prepared
+    left = diagnosis.left.within(judged.before.rmse, judged.after.rmse)
+    diagnosis, prepared = replace(diagnosis, left=left), diagnosis.prepared
     return Outcome(
         model=model,
         loaded=loaded,
@@ -189,10 +204,11 @@ def _motion(diagnosis: Diagnosis, catalogue: Catalogue, signals: Signals) -> Mot
     if diagnosis.verdict == 'named':
         reason = 'to confirm what was named on a motion that shows it alone'
         return motion(diagnosis.effects, reason)
-    if diagnosis.verdict == 'ambiguous':
-        return motion(diagnosis.effects, f'to tell {" from ".join(diagnosis.effects)}')
-    if diagnosis.uncertain is not None:
-        name = diagnosis.uncertain.name
+    effects = diagnosis.effects
+    if len(effects) > 1:
+        return motion(effects, f'to tell {" from ".join(effects)}')
+    if effects or diagnosis.uncertain is not None:
+        name = effects[0] if diagnosis.uncertain is None else diagnosis.uncertain.name
         return motion([name], f'to see whether {name} is missing')
     if diagnosis.verdict == 'none_of_the_above':
         reason = 'to see the unknown at rest, over position at slow speed, and over speed and load'

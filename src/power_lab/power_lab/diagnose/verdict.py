@@ -1,106 +1,167 @@
 """Verdict in words: a sentence with its number, what is left, and what to do."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
+from power_estimator.posterior.priors import NAMED
 
-from power_lab.diagnose.findings import Diagnosis
+from power_lab.diagnose.findings import Candidate, Diagnosis, certainty, rounded_down
 from power_lab.structure.words import in_words
 
 MOST_WORDS = 25
 """Words of the sentence."""
+_IN_TABLE = 8
+_LIKELY = 0.5  # that something is missing, from which the likeliest effects are said
+_ALIKE = 0.95  # of the largest fall of the held-out error: the same for all that is told
 
 
 def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
-    """Verdict in at most 25 words, with the number that matters.
+    """Verdict in at most 25 words, with the numbers that matter.
 
     before, after: held-out error of the model, and with the effects that are certain, W.
     """
-    shown = [one for one in diagnosis.candidates if one.name in diagnosis.effects]
-    # Rounded down: what is not certain is not said at 0.95.
-    sure = math.floor(100 * min((one.probability for one in shown), default=0.0)) / 100
+    shown, left = _shown(diagnosis), diagnosis.left
+    stays = f'{left.rms_w:.2f} W ({_share(left.of_power)} of power)'
+    sure = certainty(min((one.probability for one in shown), default=0.0))
     if diagnosis.verdict == 'named' and round(after, 2) < round(before, 2):
-        end = f'the error on held-out data falls from {before:.2f} to {after:.2f} W.'
-        return _fitting(
-            diagnosis.effects, 'and', f'{{names}} {{are}} missing: with {{them}} {end}'
-        )
-    if diagnosis.verdict == 'named':
+        falls = f'falls from {before:.2f} to {after:.2f} W'
+        long = f'{{names}} {{are}} missing: with {{them}} the error on held-out data {falls}'
+        short = f'{{names}} {{are}} missing: with {{them}} the held-out error {falls}'
+        told = [f'{long}; {stays} stays unexplained.', f'{short}; {stays} stays.']
+        return _fitting(diagnosis.effects, 'and', *told, *(() if left.most else [f'{long}.']))
+    if diagnosis.verdict == 'named' or len(shown) == 1:
+        fall = 0.0 if diagnosis.verdict == 'named' else shown[0].delta_rmse_w
         rises = round(after, 2) > round(before, 2)
-        way = f'rises from {before:.2f} to' if rises else 'stays at'
-        end = f'with {{them}} the held-out error {way} {after:.2f} W.'
-        begin = f'{{names}} {{are}} missing with probability {sure:.2f}, but'
-        return _fitting(diagnosis.effects, 'and', f'{begin} {end}')
-    if len(shown) > 1:
-        end = 'these recordings cannot say which.'
-        return _fitting(diagnosis.effects, 'or', f'Missing is one of {{names}}; {end}')
-    if shown:
-        fall = f'the held-out error falls by {shown[0].delta_rmse_w:.2f} of {before:.2f} W.'
-        begin = f'{{names}} {{are}} missing with probability {sure:.2f}'
-        return _fitting(diagnosis.effects, 'or', f'{begin}: with {{them}} {fall}')
-    best = diagnosis.uncertain
-    if best is not None:
+        way = f'the held-out error {"rises to" if rises else "stays at"}'
+        said = f', but with {{them}} {way} {after:.2f} W'
+        if round(fall, 2) > 0.0:
+            said = f': with {{them}} the error falls by {fall:.2f} of {before:.2f} W'
         return _fitting(
-            [best.name],
-            'or',
-            f'No effect is certain: of {before:.2f} W of held-out error, {{names}} takes off '
-            f'{best.delta_rmse_w:.2f} W, with a probability of {best.probability:.2f}.',
+            diagnosis.effects,
+            'and',
+            f'{{names}} {{are}} missing with probability {sure}{said}; {stays} stays.',
+            f'{{names}} {{are}} missing ({sure}){said}; {stays} stays.',
         )
-    if diagnosis.residual is not None:
+    missing = 'is' if diagnosis.found.any_missing >= NAMED else 'may be'
+    one = f'{missing} missing ({rounded_down(diagnosis.found.any_missing, 2):.0%})'
+    likely = diagnosis.effects or likeliest(diagnosis)
+    names = ': {names}' if likely else ''
+    if diagnosis.verdict == 'none_of_the_above' and likely:
+        template = f'No known effect explains {stays}; one {one}{names}.'
+        return _fitting(likely, 'or', template)
+    any_ = certainty(diagnosis.found.any_missing)
+    if diagnosis.verdict == 'none_of_the_above':
         return (
-            'None of the known effects explains what the model misses: '
-            f'{diagnosis.residual.rms_w:.2f} W rms of {before:.2f} W on held-out data.'
+            f'No known effect explains what the model misses: {stays}; that one is '
+            f'missing has probability {any_}.'
         )
+    if likely or diagnosis.found.any_missing >= _LIKELY:
+        long = f'Something {one}, but these recordings do not tell what{names}; {stays} stays'
+        short = f'Something {one}, not told what{names}; {stays} stays unexplained.'
+        return _fitting(likely, 'or', f'{long} unexplained.', f'{long}.', short)
     return (
-        'No evidence that an effect is missing: the error on held-out data is '
-        f'{before:.2f} W, as far as these recordings can show.'
+        f'No evidence in these recordings that an effect is missing (probability {any_}): '
+        f'{stays} stays unexplained.'
     )
 
 
-def _fitting(effects: Sequence[str], word: str, template: str) -> str:
-    """Return a sentence with as many of the effects as it has room for, the first ones."""
-    names, told = [in_words(name) for name in effects], ''
+def likeliest(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the effects of which one may be missing, where that is likely."""
+    if diagnosis.found.any_missing < _LIKELY:
+        return ()
+    best = diagnosis.uncertain
+    first = [] if best is None else [best.name]
+    return tuple(dict.fromkeys([*first, *(one.name for one in diagnosis.open)]))
+
+
+def candidates_to_show(diagnosis: Diagnosis) -> list[Candidate]:
+    """Return the most probable candidates, and all that the sentence may name."""
+    said = {*diagnosis.effects, *likeliest(diagnosis)}
+    return [one for i, one in enumerate(diagnosis.candidates) if i < _IN_TABLE or one.name in said]
+
+
+def _shown(diagnosis: Diagnosis) -> list[Candidate]:
+    return [one for one in diagnosis.candidates if one.name in diagnosis.effects]
+
+
+def _share(value: float) -> str:
+    return f'{value:.0%}' if value >= 0.1 else f'{100 * value:.2g}%'
+
+
+def _fitting(effects: Sequence[str], word: str, *templates: str) -> str:
+    """Return the first sentence that has room for all effects, else the last with some of them."""
+    names = [in_words(name) for name in effects] or ['']
+    are, them = ('is', 'it') if len(names) == 1 else ('are', 'them')
+    told = ''
     for count in range(len(names), 0, -1):
         shown = [*names[:count], *([f'{len(names) - count} more'] if count < len(names) else [])]
         text = shown[0] if len(shown) == 1 else f'{", ".join(shown[:-1])} {word} {shown[-1]}'
-        are, them = ('is', 'it') if len(names) == 1 else ('are', 'them')
-        told = template.format(names=text, are=are, them=them)
-        if len(told.split()) <= MOST_WORDS:
-            break
+        for template in templates if count == len(names) else templates[-1:]:
+            told = template.format(names=text, are=are, them=them)
+            if len(told.split()) <= MOST_WORDS:
+                return told[:1].upper() + told[1:]
     return told[:1].upper() + told[1:]
 
 
-def remainder(diagnosis: Diagnosis) -> str:
-    """Return a line on what stays unexplained, '' where that is too little."""
-    left = diagnosis.residual
-    if left is None:
+def remainder(diagnosis: Diagnosis, after: float) -> str:
+    """Return a line on what stays unexplained, '' where that is too little.
+
+    after: held-out error of the model with the effects that are certain, W.
+    """
+    left = diagnosis.left
+    if not left.stands_out:
         return ''
     over = f', most of it over {left.over[0]}' if left.over else ''
-    noise = f"; the meter's noise is {left.noise_w:.2f} W" if np.isfinite(left.noise_w) else ''
+    rest = [f"the meter's noise ({left.noise_w:.2f} W)"] if np.isfinite(left.noise_w) else []
+    rest += [] if diagnosis.prepared.steady else ['what passes between two samples']
+    told = f'; the rest is {" and ".join(rest)}' if rest else ''
     return (
-        f'{left.rms_w:.2f} W rms stays unexplained, {100 * left.share:.0f} % of what the model '
-        f'misses{over}{noise}.'
+        f'Of {after:.2f} W of held-out error {left.rms_w:.2f} W rms stays unexplained{over}{told}.'
     )
 
 
 def to_add(diagnosis: Diagnosis, before: float, after: float) -> tuple[str, ...]:
-    """Return the effects that are named, none where held-out data does not bear them out."""
-    return diagnosis.effects if diagnosis.verdict == 'named' and after < before else ()
+    """Return the effects to add: those named, unless held-out data does not bear them out.
+
+    Of several, one of which is missing, the likeliest where each leads to the same error.
+    """
+    if diagnosis.verdict == 'named':
+        return diagnosis.effects if after < before else ()
+    falls = [one.delta_rmse_w for one in _shown(diagnosis)]
+    alike = len(falls) > 1 and min(falls) > 0.0 and min(falls) >= _ALIKE * max(falls)
+    return diagnosis.effects[:1] if alike else ()
+
+
+def to_learn(diagnosis: Diagnosis) -> bool:
+    """Return whether `discover` may learn what stays."""
+    unknown = diagnosis.verdict in ('none_of_the_above', 'no_evidence')
+    return unknown and diagnosis.left.stands_out and not diagnosis.prepared.whole
 
 
 def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
     """Return the next step in a sentence."""
     record = 'record the motion of `next_recording`'
-    if effects := to_add(diagnosis, before, after):
+    effects = to_add(diagnosis, before, after)
+    if diagnosis.verdict == 'named' and effects:
         return f'Next: `power_lab add {" ".join(effects)}`, then diagnose again.'
     if diagnosis.verdict == 'named':
         return f'Next: {record} before adding it; this recording does not bear it out.'
+    if effects:
+        return f'Next: `power_lab add {effects[0]}`: with each the held-out error is the same.'
     if diagnosis.verdict == 'ambiguous':
-        return f'Next: {record}, which tells them apart.'
-    if diagnosis.uncertain is not None:
-        return f'Next: {record}, which shows whether it is {in_words(diagnosis.uncertain.name)}.'
-    if diagnosis.verdict == 'none_of_the_above' and diagnosis.prepared.whole:
+        told = 'them apart' if len(diagnosis.effects) > 1 else 'whether it is missing'
+        return f'Next: {record}, which tells {told}.'
+    learn = '`power_lab discover` learns the shape of what stays'
+    if (best := diagnosis.uncertain) is not None:
+        name = in_words(best.name)
+        return (
+            f'Next: {record}, which shows whether it is {name}: alone it takes '
+            f'{best.delta_rmse_w:.2f} of {before:.2f} W off, but is not told apart from what no '
+            f'formula explains{f"; {learn}" if to_learn(diagnosis) else ""}.'
+        )
+    if to_learn(diagnosis):
+        return f'Next: {learn}.'
+    alone = len(diagnosis.prepared.signals.names) == 1
+    if diagnosis.verdict == 'none_of_the_above' and not alone:
         return 'Next: meter each drive; the power of all together does not tell whose it is.'
-    if diagnosis.verdict == 'none_of_the_above':
-        return 'Next: `power_lab discover` learns the shape of it.'
     return f'To see more: {record}.'

@@ -14,7 +14,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
-from power_lab.diagnose.findings import UNLIKELY
+from power_lab.diagnose.findings import UNLIKELY, certainty
 from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
 from power_lab.report.staircase import Stairs
@@ -258,7 +258,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         [
             [
                 in_words(row.name),
-                f'{row.probability:.2f}',
+                certainty(row.probability),
                 f'{row.explains[1]:.2f} W',
                 f'{row.explains[0]:.2f} … {row.explains[2]:.2f} W',
                 f'{row.share:.0%}',

@@ -10,10 +10,15 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.outcome import Outcome
+from power_lab.diagnose.verdict import candidates_to_show
 from power_lab.structure.owners_terms import fitted_in_owners_terms
 
-_SHOWN = 8
+_AT_END = (
+    '~ at the end of its interval: the fit and the posterior, which allows for errors of the '
+    'sensors, disagree'
+)
 _ABREAST = 4  # drives whose values fit beside each other
 _AT_BOUND = '* at the bound that the catalogue sets, not at a value that the recording gives'
 _FittedRow = tuple[str, str, list[FittedValue]]  # label, unit, values by group
@@ -56,6 +61,9 @@ def print_model(console: Console, model: EffectModel) -> None:
         console.print(_fitted_table('errors of the measurement', 'error', errors, groups))
     if model.at_bound:
         console.print(f'{_AT_BOUND}: {", ".join(model.at_bound)}')
+    shown = [one for *_, values in (*coefficients, *errors) for one in values]
+    if any(_mark(one) == '~' for one in shown):
+        console.print(_AT_END)
     for group, part, whole in model.stranded:
         console.print(
             f'{group}: {part} is a part of {whole}, which is 0 here: the two trade off in this '
@@ -72,7 +80,7 @@ def _fitted_table(
         table.add_column(name, justify='left' if name in (head, 'unit', 'drive') else 'right')
     for label, unit, values in rows:
         cells = [
-            '{:.3g}{}\n({:.3g} … {:.3g})'.format(one.value, _mark(one.at_bound), *one.interval)
+            '{:.3g}{}\n({:.3g} … {:.3g})'.format(one.value, _mark(one), *one.interval)
             for one in values
         ]
         if not long:
@@ -135,11 +143,12 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         table.add_column(
             column, justify='left' if column in ('effect', 'coefficient') else 'right'
         )
-    for one in outcome.diagnosis.candidates[:_SHOWN]:
+    shown = candidates_to_show(outcome.diagnosis)
+    for one in shown:
         low, middle, high = one.explains
         table.add_row(
             one.name,
-            f'{one.probability:.2f}',
+            certainty(one.probability),
             f'{middle:.3f}',
             f'{low:.2g} … {high:.2g}',
             f'{one.share:.0%}',
@@ -147,6 +156,8 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             f'{one.drive}: {one.in_words}',
         )
     console.print(table)
+    if more := len(outcome.diagnosis.candidates) - len(shown):
+        console.print(f'and {more} less probable; all are in --json and --report')
     terms = _table('measurement: error if its faults are ignored')
     for column in ('error', 'W', 'value', '95 % interval', 'significant'):
         terms.add_column(column, justify='right' if column == 'W' else 'left')
@@ -170,8 +181,9 @@ def _table(title: str) -> Table:
     return Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
 
 
-def _mark(at_bound: str | None) -> str:
-    return '*' if at_bound else ''
+def _mark(one: FittedValue) -> str:
+    low, high = one.interval
+    return '*' if one.at_bound else '~' if low < high and one.value in (low, high) else ''
 
 
 def _unit(unit: str) -> str:

@@ -63,7 +63,7 @@ def verdict_in_words(verdict: str, found: int) -> str:
         'named': f'Found: {found} missing effect{"" if found == 1 else "s"}',
         'ambiguous': 'Several effects are plausible',
         'none_of_the_above': 'Not fully explained by known effects',
-        'no_evidence': 'Nothing more to find in this recording',
+        'no_evidence': 'No missing effect that this recording shows',
     }[verdict]
 
 

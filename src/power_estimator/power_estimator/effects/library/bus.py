@@ -106,6 +106,7 @@ REGENERATION_EFFICIENCY = Effect(
     near=('regeneration_limit', 'load_friction'),
     excitation=Excitation(
         'back-driving at three loads and two speeds while other drives draw',
+        alone='back-driving at three loads and two speeds',
         speeds=(2.0, 4.0, -2.0, -4.0),
         loads=(-30.0, -15.0, 15.0, 30.0),
     ),
@@ -122,6 +123,7 @@ REGENERATION_LIMIT = Effect(
     near=('regeneration_efficiency',),
     excitation=Excitation(
         'back-driving one drive with the others at rest, then with the others drawing',
+        alone='back-driving under load in both directions',
         speeds=(3.0, -3.0),
         loads=(-30.0, 30.0),
     ),

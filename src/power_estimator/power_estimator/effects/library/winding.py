@@ -100,8 +100,11 @@ COPPER_LOSS = Effect(
 WINDING_HEATING = Effect(
     name='winding_heating',
     physics='a warm winding has more resistance: +0.39 % copper loss per kelvin',
-    formula="c·motor_torque²·0.0039·dT; dT measured, or time_constant·dT' = torque² − dT",
-    terms=(Term('c', 'W/((N·m)²·K)'), Term('c0', 'W/(N·m)²', of_recording=True)),
+    formula="c·motor_torque²·0.0039/K·dT; dT in K, or in (N·m)²: time_constant·dT' = torque² − dT",
+    terms=(
+        Term('c', 'W/(N·m)²', formerly='W/((N·m)²·K)'),
+        Term('c0', 'W/(N·m)²', of_recording=True),
+    ),
     scaling={'gear_ratio': (-4.0, -4.0), 'winding_resistance': (2.0, 2.0)},
     regressors=_heating,
     recorded=_temperature_moved,

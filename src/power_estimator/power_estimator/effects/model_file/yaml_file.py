@@ -294,7 +294,7 @@ def _values(
 
 def _value(given: _ValueContent, term: Term, factor: float, where: str) -> FittedValue:
     value, lower, upper = given.value, term.lower * factor, term.upper * factor
-    if given.unit not in (None, term.unit):
+    if given.unit not in (None, term.unit, term.formerly):
         raise InputError(f'{where} is given in {quoted(given.unit)}; it must be in {term.unit!r}')
     slack = _SLACK * abs(value)
     if not lower - slack <= value <= upper + slack:
