@@ -196,10 +196,7 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
     ('effects', 'words'),
     [
         ('shaft,magic', "unknown effect 'magic'; known are"),
-        (
-            'regeneration',
-            "'regeneration'; did you mean regeneration_efficiency (of the power that",
-        ),
+        ('regeneration', 'did you mean regeneration_efficiency (of the power that'),
         ('regeneration', 'at the bus) or regeneration_limit (the supply takes nothing back'),
         ('series_spring', 'did you mean spring (the'),
         ('iron_los', 'did you mean iron_loss ('),

@@ -173,7 +173,7 @@ class Diagnosis:
 
     @property
     def residual(self) -> Residual | None:
-        """What stays, None where it is too small to be an effect."""
+        """Residual; None where it is too small to be an effect."""
         return self.left if self.left.counts else None
 
     @property

@@ -62,7 +62,7 @@ class Outcome:
 
     @property
     def to_learn(self) -> bool:
-        """Whether `discover` may learn what stays."""
+        """True where `discover` may learn what stays."""
         return to_learn(self.diagnosis)
 
     @cached_property

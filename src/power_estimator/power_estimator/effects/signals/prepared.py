@@ -86,15 +86,13 @@ class Prepared:
     def sparse(self) -> 'Prepared':
         """Every second row, where the low-pass leaves little between two of them."""
         every = self.reducer.sparse
-        rows = np.arange(len(self.time))
-        kept = np.concatenate([rows[part][::every] for part in self.reducer.stretches()])
+        ends = self.reducer.stretches()
+        kept = np.concatenate([np.arange(part.start, part.stop, every) for part in ends])
+        reducer = replace(self.reducer, every=every * self.reducer.every)
+        time, recording = self.time[kept], self.recording[kept]
+        power = self.power[:, kept]
         return replace(
-            self,
-            reducer=replace(self.reducer, every=every * self.reducer.every),
-            power=self.power[:, kept],
-            time=self.time[kept],
-            recording=self.recording[kept],
-            part=None,
+            self, reducer=reducer, power=power, time=time, recording=recording, part=None
         )
 
     @property
@@ -213,11 +211,7 @@ def signals_of(
     data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
 ) -> Signals:
     """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed."""
-    velocity, torque, position = (
-        _columns(data.velocity),
-        _columns(data.torque),
-        _columns(data.position),
-    )
+    velocity, torque, position = map(_columns, (data.velocity, data.torque, data.position))
     stretches = [*data.segments()]
     if lag is not None:
         velocity = velocity + lag * rate_of(velocity, stretches, data.rate)
@@ -273,8 +267,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
             raise InputError(f'{drives[int(np.argmax(missing))]} has no {name} in joint_states')
     seen = np.isfinite(data.position).any(axis=0)
     good = np.isfinite(data.velocity + data.torque).all(axis=1)
-    good &= np.isfinite(data.position[:, seen]).all(axis=1)
-    data = _fill_voltage(_cut(data, good))
+    data = _fill_voltage(_cut(data, good & np.isfinite(data.position[:, seen]).all(axis=1)))
     constants = torque_constants(data)
     data = with_torque(data, constants)
     lag = velocity_lag(data)
