@@ -64,26 +64,6 @@ def test_nothing_is_carried_across_a_gap():
     assert len(prepared.reducer.stretches()) == 2
 
 
-@pytest.mark.parametrize(('rate', 'every'), [(400.0, 2), (50.0, 2), (45.0, 1), (25.0, 1)])
-def test_rows_are_kept_as_densely_as_the_low_pass_lets_something_through(rate, every):
-    reducer = Reducer(rate, (slice(0, 900), slice(900, 1900)))
-    assert reducer.sparse == every
-    assert reducer.rate / reducer.factor / every >= 25.0
-
-
-def test_a_sparse_preparation_has_every_second_row_of_each_stretch():
-    prepared = prepare(dataset(gap=14.0))
-    sparse = prepared.sparse()
-    rows = np.arange(len(prepared.time))
-    kept = np.concatenate([rows[part][::2] for part in prepared.reducer.stretches()])
-    assert sparse.time.tolist() == prepared.time[kept].tolist()
-    np.testing.assert_array_equal(sparse.power, prepared.power[:, kept])
-    torque = sparse.signals.torque
-    assert sparse.reduced(torque) == pytest.approx(prepared.reduced(torque)[kept], abs=1e-12)
-    assert sparse.seconds == pytest.approx(prepared.seconds, abs=0.04)
-    assert sparse.sparse().time.tolist() == sparse.time.tolist()
-
-
 @pytest.mark.parametrize('lag', [0.0, 0.004, 0.008])
 def test_the_lag_of_the_velocity_is_found_from_position_and_velocity(lag):
     prepared = prepare(dataset(lag=lag))

@@ -55,12 +55,10 @@ def test_the_next_command_has_the_same_recordings_and_choices(tmp_path, monkeypa
         "next: ros2 run power_lab add idle --to m.yaml -o n.yaml --bag 'b 1' "
         "--drives '*_KFE' --without 2:3 --effects-path e.py --slow-meter"
     )
-    options.slow, options.anyway = False, True
-    learned = next_command('discover', options, '--model', 'm.yaml')
-    assert learned.endswith(' --ignore-unit-conflicts')
-    assert learned.startswith("next: ros2 run power_lab discover 'b 1' --model m.yaml --drives")
     options.anyway = True
-    assert next_command('discover', options).endswith(' --slow-meter --ignore-unit-conflicts')
+    learned = next_command('discover', options, '--model', 'm.yaml')
+    assert learned.startswith("next: ros2 run power_lab discover 'b 1' --model m.yaml --drives")
+    assert learned.endswith(' --slow-meter --ignore-unit-conflicts')
     monkeypatch.chdir(tmp_path)
     assert unused('better.yaml') == 'better.yaml'
     (tmp_path / 'better.yaml').touch()

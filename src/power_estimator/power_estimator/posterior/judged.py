@@ -80,7 +80,7 @@ def judged_effects(
     show: Callable[[str], None] = lambda text: None,
 ) -> JudgedEffects:
     """Judge which effects of a catalogue a model of known ones lacks; show: how far it is."""
-    prepared = replace(prepared.sparse(), signals=with_quiet_rates(prepared.signals))
+    prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
     signals = prepared.signals
     names = {active.name.partition('@')[0] for active in known}
     lacking = [

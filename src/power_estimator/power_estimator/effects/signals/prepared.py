@@ -51,7 +51,7 @@ class Prepared:
     """Signals of D drives with the power of M meters reduced at every delay.
 
     Each drive has a meter, or there is one for the whole robot. Reduced arrays have N rows at
-    50 Hz, `sparse` ones at 25 Hz or more.
+    50 Hz.
     """
 
     signals: Signals  # at the input rate
@@ -83,18 +83,6 @@ class Prepared:
             noise=self.noise[[index]],
         )
 
-    def sparse(self) -> 'Prepared':
-        """Every second row, where the low-pass leaves little between two of them."""
-        every = self.reducer.sparse
-        ends = self.reducer.stretches()
-        kept = np.concatenate([np.arange(part.start, part.stop, every) for part in ends])
-        reducer = replace(self.reducer, every=every * self.reducer.every)
-        time, recording = self.time[kept], self.recording[kept]
-        power = self.power[:, kept]
-        return replace(
-            self, reducer=reducer, power=power, time=time, recording=recording, part=None
-        )
-
     @property
     def scale(self) -> DriveScale:
         """Scale of the meters."""
@@ -108,7 +96,7 @@ class Prepared:
     @property
     def seconds(self) -> float:
         """Length of the reduced signals; 0 of operating points."""
-        return 0.0 if self.steady else len(self.time) * self.reducer.every / REDUCED_RATE
+        return 0.0 if self.steady else len(self.time) / REDUCED_RATE
 
     @property
     def extent(self) -> str:
@@ -117,8 +105,7 @@ class Prepared:
 
     def extent_of(self, rows: int) -> str:
         """Length of so many rows in words."""
-        seconds = rows * self.reducer.every / REDUCED_RATE
-        return f'{rows} operating points' if self.steady else f'{seconds:.0f} s'
+        return f'{rows} operating points' if self.steady else f'{rows / REDUCED_RATE:.0f} s'
 
     @cached_property
     def measured(self) -> Bools:

@@ -30,21 +30,11 @@ class Reducer:
     slices: tuple[slice, ...]  # stretches of the input that are long enough
     window: float = 0.0
     steady: bool = False  # rows are operating points
-    every: int = 1  # of the rows at 50 Hz, those that are made
 
     @property
     def factor(self) -> int:
         """Input samples for each reduced one."""
-        return self._of_each * self.every
-
-    @property
-    def _of_each(self) -> int:
         return 1 if self.steady else max(1, round(self.rate / REDUCED_RATE))
-
-    @property
-    def sparse(self) -> int:
-        """Of the rows as they are, one of so many tells all that the low-pass lets through."""
-        return 1 if self.steady else max(1, int(self.rate / self.factor / (2 * CUTOFF) + 1e-6))
 
     @cached_property
     def margin(self) -> int:
