@@ -100,7 +100,7 @@ class OfPlant:
         off['torque_scale'] += max(drive.saturation / 8 for drive in drives)
         wrong = {name for name, size in off.items() if size >= NAMED_FROM}
         if max(drive.saturation for drive in drives) >= NAMED_FROM:
-            wrong |= {'saturation', 'motor_saturation'}
+            wrong.add('motor_saturation')
         if any(drive.magnet_temperature for drive in drives):
             wrong.add('magnet_heating')
         at = 'k' if 'winding_heating' in found.known else 'k_warm'
@@ -153,8 +153,7 @@ class OfRobot:
             name: _robot_coefficients({key: float(value[i]) for key, value in parameters.items()})
             for i, name in enumerate(NAMES)
         }
-        missing = frozenset({*self.hidden, 'saturation'})  # its plant always has some
-        return Sealed(data, known, missing, coefficients)
+        return Sealed(data, known, frozenset(self.hidden), coefficients)
 
 
 def _robot_coefficients(p: Mapping[str, float]) -> dict[str, float]:

@@ -135,7 +135,7 @@ def test_every_other_walk_of_the_robot_has_real_drives():
     assert sum(question.real for question in questions) == 20
     assert {question.about['developed'] for question in questions if question.real} == {False}
     sealed = OfRobot(4.0, 1, ('spring',), real=True).seal()
-    assert sealed.missing == {'spring', 'saturation'}  # of its torque constant, always
+    assert sealed.missing == {'spring'}
     assert not {'spring', 'torque_loop', 'battery'} & {*sealed.known}
     assert sealed.coefficients['LF_KFE']['spring'] == pytest.approx(1 / 400)
 

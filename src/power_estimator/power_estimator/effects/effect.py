@@ -109,6 +109,8 @@ class Effect:
     """Largest departure from the formula, as a share of the first coefficient."""
     recorded: Callable[..., bool] | None = None
     """(signals, **shape) → whether the signals that the shape needs were recorded."""
+    proposed: Callable[[Signals], bool] | None = None
+    """Signals → whether a diagnosis may name it there; None: wherever it is usable."""
     sizes: Callable[[DriveScale], Floats] | None = None
     """Scale → factors [D, n] of the bounds, where they do not follow from the terms' units."""
     scaled: Callable[[DriveScale], tuple[Shape, ...]] | None = None

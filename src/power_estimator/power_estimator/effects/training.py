@@ -160,8 +160,8 @@ def _groups(
         def value(column: int, share: float = 1.0, meter: int = meter) -> FittedValue:
             low, high = (share * float(bound) for bound in intervals[meter, column])
             found = share * float(fit.coefficients[meter, column])
-            held = min(low, found), max(high, found)
-            return FittedValue(found, held, fit.at_bound(meter, column))
+            plain = FittedValue(found, (low, high), fit.at_bound(meter, column))
+            return plain.within(low, high)
 
         coefficients = {}
         for active in chosen.free:

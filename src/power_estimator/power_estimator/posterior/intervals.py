@@ -11,7 +11,7 @@ from power_estimator.effects import Effect
 from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
-from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.posterior.fitted_set import settle
@@ -118,13 +118,9 @@ def with_intervals(
             least = effect.factors(scale)[0] * [term.lower for term in effect.terms]
             ends = np.clip(interval(name, own), least, most)
             coefficients[name] = tuple(
-                _around(value, float(low), float(high))
+                value.within(float(low), float(high))
                 for value, low, high in zip(values, *ends, strict=True)
             )
         return replace(group, coefficients=coefficients)
 
     return replace(model, groups=tuple(widened(group) for group in model.groups))
-
-
-def _around(value: FittedValue, low: float, high: float) -> FittedValue:
-    return replace(value, interval=(min(low, value.value), max(high, value.value)))

@@ -86,12 +86,8 @@ def judged_effects(
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
-        if effect.name not in names
-        and effect.fixed is None
-        # A spring is in the speed of its own motor, and hardly any log says whose speed it has.
-        and not (effect.name == 'spring' and signals.at_motor.any())
-        # Departures of copper loss stand for it: beside it others were named that are not there.
-        and effect.name != 'saturation'
+        if effect.name not in names and effect.fixed is None
+        if effect.proposed is None or effect.proposed(signals)
         for shape in effect.tried_on(signals)
         # Iron loss whose current heats the winding is friction by another name.
         if not shape.get('carried')

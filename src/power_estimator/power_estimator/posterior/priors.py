@@ -21,7 +21,6 @@ MISSING: Final[Mapping[str, float]] = {
     'regeneration_efficiency': 0.15,
     'regeneration_limit': 0.15,
     'cogging': 0.1,
-    'saturation': 0.1,
     'motor_saturation': 0.1,
     'magnet_heating': 0.1,
     'field_weakening': 0.05,

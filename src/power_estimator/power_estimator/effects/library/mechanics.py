@@ -63,6 +63,8 @@ SPRING = Effect(
     acts_on='speed',
     per_drive=True,
     needs_time=True,
+    # It is in the speed of its own motor, and hardly any log says whose speed it has.
+    proposed=lambda signals: not bool(signals.at_motor.any()),
     shapes=tuple({'relaxation': seconds} for seconds in (0.0, 0.003, 0.006, 0.012)),
     near=('time_offset', 'rotor_inertia'),
     excitation=Excitation(

@@ -97,6 +97,10 @@ class FittedValue:
     interval: tuple[float, float]
     at_bound: Literal['', 'lower', 'upper'] = ''  # the catalogue's bound that it lies at
 
+    def within(self, low: float, high: float) -> 'FittedValue':
+        """The value with another interval, widened to hold it."""
+        return replace(self, interval=(min(low, self.value), max(high, self.value)))
+
 
 @dataclass(frozen=True)
 class DriveGroup:

@@ -198,7 +198,11 @@ def signals_of(
     data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
 ) -> Signals:
     """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed."""
-    velocity, torque, position = map(_columns, (data.velocity, data.torque, data.position))
+    velocity, torque, position = (
+        _columns(data.velocity),
+        _columns(data.torque),
+        _columns(data.position),
+    )
     stretches = [*data.segments()]
     if lag is not None:
         velocity = velocity + lag * rate_of(velocity, stretches, data.rate)
@@ -254,7 +258,8 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
             raise InputError(f'{drives[int(np.argmax(missing))]} has no {name} in joint_states')
     seen = np.isfinite(data.position).any(axis=0)
     good = np.isfinite(data.velocity + data.torque).all(axis=1)
-    data = _fill_voltage(_cut(data, good & np.isfinite(data.position[:, seen]).all(axis=1)))
+    good &= np.isfinite(data.position[:, seen]).all(axis=1)
+    data = _fill_voltage(_cut(data, good))
     constants = torque_constants(data)
     data = with_torque(data, constants)
     lag = velocity_lag(data)
