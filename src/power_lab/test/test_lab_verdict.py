@@ -224,3 +224,12 @@ def test_no_probability_is_rounded_up_to_a_limit():
     assert certainty(0.95) == '0.95'
     assert certainty(0.004) == '< 0.01'
     assert rounded_down(0.949996, 4) == 0.9499
+
+
+def test_all_names_are_said_where_most_of_the_error_stays():
+    chances = {'load_friction': 0.96, 'spring': 0.99}
+    found = diagnosis(left_of(0.8, 0.9), chances, any_missing=0.99, named=tuple(chances))
+    assert said(found, 1.0, 0.9) == (
+        'Friction that grows with load and the series spring are missing: held-out error 1.00 to '
+        '0.90 W; 0.80 W (4% of power) stays.'
+    )

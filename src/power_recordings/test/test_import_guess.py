@@ -220,9 +220,11 @@ def test_operating_points_are_asked_for_nothing_that_needs_time(tmp_path, capsys
     speed, torque = (x.ravel() for x in np.meshgrid(np.arange(1, 21) * 300.0, [2.0, 4.0, 9.0]))
     watts = 1.1 * torque * speed * 2 * np.pi / 60 + 20
     columns = {'N [1/min]': speed, 'Torque [Nm]': torque, 'U_DC [V]': 48 + 0 * speed}
-    guessed(tmp_path, capsys, {**columns, 'U [V]': 48 + speed / 1e4, 'I [A]': watts / 48})
+    columns |= {'U [V]': 48 + speed / 1e4, 'I [A]': watts / 48}
+    guessed(tmp_path, capsys, {**columns, 'position [deg]': np.cumsum(speed)})
     out = capsys.readouterr().out
     assert '60 operating points' in out
+    assert 'times the rate of the position' not in out
     assert 'clipped' not in out
     assert 'jitter' not in out
     assert 'constant for' not in out

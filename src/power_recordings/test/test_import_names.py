@@ -186,3 +186,36 @@ def test_a_list_says_of_which_rows_its_ranges_are(tmp_path, capsys):
     log = csv(tmp_path / 'log.csv', np.stack([T, SPEED], axis=1), 't_s,vel_rad_s')
     assert main([str(log), '--list']) == 0
     assert 'of the first' not in capsys.readouterr().out
+
+
+def test_times_since_1970_in_nanoseconds_are_times(tmp_path, capsys):
+    text, _ = guess(tmp_path, capsys, time_ns=1.718e18 + 1e9 * T, vel=SPEED, tau=TORQUE)
+    assert 'time: {column: time_s, unit: s}   # or time_ns\n' in text
+
+
+def test_left_and_right_wheels_are_drives_and_r_is_no_unit(tmp_path, capsys):
+    wheels = {'tau_l': TORQUE, 'tau_r': -SPEED, 'w_l': SPEED, 'w_r': np.cos(SPEED)}
+    text, _ = guess(tmp_path, capsys, batt_mV=1e3 * VOLTS, batt_mA=WATTS, **wheels)
+    for side in ('L', 'R'):
+        assert f'\n  {side}:\n' in text
+    assert 'supply: {voltage: {from: batt_mV, unit: mV}' in text
+
+
+def test_a_speed_along_the_ground_asks_for_the_radius_of_the_wheel(tmp_path, capsys):
+    own = {'speed[km/h]': SPEED, 'tau_Nm': TORQUE, 'U': VOLTS, 'I': WATTS / VOLTS}
+    text, _ = guess(tmp_path, capsys, **own)
+    assert "# velocity: {from: 'speed[km/h]', scale: 0.2778, unit: rad/s}   # along the" in text
+
+
+def test_fields_of_a_structure_are_known_by_their_own_names(tmp_path, capsys):
+    own = {'log.n': 10 * SPEED, 'log.Tq': TORQUE, 'log.Udc': VOLTS, 'log.Idc': WATTS / VOLTS}
+    _, lines = guess(tmp_path, capsys, **own)
+    assert 'from: log.n,' in lines['velocity']
+    assert 'from: log.Tq,' in lines['torque']
+
+
+@pytest.mark.parametrize('name', ['esc_temp', 'temp_fet', 'driver_temperature'])
+def test_the_temperature_of_electronics_is_not_the_motors(tmp_path, capsys, name):
+    power = {'u_dc_V': VOLTS, 'i_dc_A': WATTS / VOLTS, name: 30 + T}
+    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, **power)
+    assert '# temperature: {from: COLUMN' in text

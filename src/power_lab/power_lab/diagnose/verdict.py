@@ -27,8 +27,10 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
         falls = f'falls from {before:.2f} to {after:.2f} W'
         long = f'{{names}} {{are}} missing: with {{them}} the error on held-out data {falls}'
         short = f'{{names}} {{are}} missing: with {{them}} the held-out error {falls}'
+        brief = f'{{names}} {{are}} missing: held-out error {before:.2f} to {after:.2f} W'
         told = [f'{long}; {stays} stays unexplained.', f'{short}; {stays} stays.']
-        return _fitting(diagnosis.effects, 'and', *told, *(() if left.most else [f'{long}.']))
+        told += [] if left.most else [f'{long}.']
+        return _fitting(diagnosis.effects, 'and', *told, f'{brief}; {stays} stays.')
     if diagnosis.verdict == 'named' or len(shown) == 1:
         fall = 0.0 if diagnosis.verdict == 'named' else shown[0].delta_rmse_w
         rises = round(after, 2) > round(before, 2)

@@ -12,7 +12,7 @@ from wattwalk_core.errors import printable
 from power_recordings.index.kept_quality import Checked, checked
 from power_recordings.index.store import RecordingIndex, usual_path
 
-_WIDTH = 110
+_WIDTH = 130
 _FINDING = 1000  # characters
 
 

@@ -58,7 +58,11 @@ _RULES: Final = (
         r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))'
         r'|(?<!fet_)(^|_)temp.*(winding|motor)|motor_thermistor',
     ),
-    ('temperature', r'(^|_)temp|(^|_)t_(housing|case|geh)'),
+    (
+        'temperature',
+        r'^(?!.*(esc|fet|mos|igbt|driver|inverter|board|pcb|cpu|module)).*'
+        r'((^|_)temp|(^|_)t_(housing|case|geh))',
+    ),
     (
         'voltage',
         rf'{_DC}.*(volt|_v(_|$))|v_?bus|(^|_)([uv]_?{_AT}|dc_?[uv])(_|$)|volt\w*_(dc|in)(_|$)',
@@ -73,7 +77,7 @@ _RULES: Final = (
         rf'|(^|_)p_?(el\w*|{_AT})(_|$)',
     ),
     ('torque', r'(load_?cell|sensor|transducer).*torque|torque.*(load_?cell|sensor|transducer)'),
-    ('torque', r'(torque|trq|(^|_)tau|effort|moment)'),
+    ('torque', r'(torque|trq|(^|_)tau|(^|_)tq(_|$)|effort|moment)'),
     (
         'winding',
         r'(q_?(axis_)?current|(^|_)q_axis(_|$)|(^|_)iq|i_?q(_|$)|winding_current|phase_current)',
@@ -96,7 +100,7 @@ _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some,
 _PLAIN: Final = {'winding': 'current', 'loss': 'power'}
 _STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
 _SIDES: Final = (
-    r'[a-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
+    r'[a-km-qs-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
     r'mean|avg|std|rms|var|peak|sim\w*|model|pred\w*|true|old|new|last|prev\w*'
 )
 """Words that tell sides of a drive, or kinds of a signal, apart."""

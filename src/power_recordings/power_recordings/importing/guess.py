@@ -44,6 +44,11 @@ _WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
 _TURNED: Final = 'sign by physics: power falls as torque × speed rises'
 _NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
+_ALONG: Final = (
+    '    # velocity: {{from: {}, scale: {:.4g}, unit: rad/s}}   # along the ground: scale over '
+    "the wheel's radius in m"
+)
+_GROUND: Final = {'km/h': 1 / 3.6, 'kmh': 1 / 3.6, 'kph': 1 / 3.6, 'mph': 0.44704, 'm/s': 1.0}
 _NO_TORQUE: Final = (
     '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
     'motor: {from: COLUMN, unit: A, at: motor}'
@@ -104,8 +109,9 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
         'time: {stamp: header}   # or log' if is_bag else time_line(found, listed),
     ]
     lines.append('drives:')
-    in_turns = any(re.search(_OF_ODRIVE, words(c.address)) for c in found)
-    made = {name or 'DRIVE': _Drive(q, shared, in_turns) for name, q in drives.items()}
+    in_turns = any(re.search(_OF_ODRIVE, words(one.column.address)) for one in listed)
+    along = next(filter(None, map(_along, listed)), '')
+    made = {name or 'DRIVE': _Drive(q, shared, in_turns, along) for name, q in drives.items()}
     chosen = [drive.choice for drive in made.values() if drive.choice is not None]
     best = max(chosen, key=lambda choice: choice.score, default=None)
     supply = _supply_lines(whole)
@@ -128,8 +134,9 @@ class _Drive:
         own: Mapping[str, list[CandidateColumn]],
         shared: Mapping[str, list[CandidateColumn]],
         in_turns: bool,
+        along: str,
     ) -> None:
-        self._in_turns = in_turns
+        self._in_turns, self._along = in_turns, along
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
@@ -210,6 +217,8 @@ class _Drive:
             if (taken := self._taken.get(quantity)) is not None:
                 lines += [_AT] if quantity == 'torque' else []
                 lines.append(self._line(quantity, taken))
+            elif quantity == 'velocity' and self._along:
+                lines.append(self._along)
             elif quantity in ('position', 'velocity'):
                 lines.append(_NONE.format(quantity, _GUESSED_UNIT[quantity]))
         of_motor = [t for q in JOINT if (t := self._taken.get(q)) and self._at(t)[0] == 'motor']
@@ -303,6 +312,14 @@ class _Drive:
         if re.search(_MEASURED, name) or not (said := re.search(f'{_MOTORS}|{_COMPUTED}', name)):
             return 'joint', ''
         return 'motor', f'at: motor, as its name has {said[0].strip("_")}'
+
+
+def _along(item: Listed) -> str:
+    """A line for a speed along the ground, '' of any other column."""
+    found = re.search(r'[\[(_ ]([a-z/]+)[\])]?$', item.column.address)
+    factor = _GROUND.get(found[1]) if found else None
+    fits = re.search(r'speed|vel|tempo|geschw', item.column.address.lower())
+    return _ALONG.format(yaml_text(item.column.address), factor) if factor and fits else ''
 
 
 def _velocity_apart_from_voltage(

@@ -78,7 +78,8 @@ def _listed(column: LogColumn, values: np.ndarray, rate: float) -> Listed:
         changes = float(np.mean(values[1:] != values[:-1])) if count > 1 else 0.0
         text = next((str(value) for value in values if value), '')
         return Listed(column, count, np.nan, np.nan, changes, rate, text=text)
-    values = np.where(np.abs(values) < LARGEST, values, np.nan)
+    if not (np.diff(values) >= 0).all():  # else times, which count from 1970 in ns, too
+        values = np.where(np.abs(values) < LARGEST, values, np.nan)
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
     steps = np.diff(finite)

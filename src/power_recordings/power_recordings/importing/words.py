@@ -46,7 +46,7 @@ def words(address: str) -> str:
     name = re.sub(r'([a-z])([A-Z])', r'\1_\2', name).lower()
     name = _FOREIGN.sub(lambda found: f'_{_OTHER_LANGUAGES[found[0]]}_', name)
     name = re.sub(r'[^a-z]+', '_', name).strip('_')
-    return re.sub(r'^(motor_data|data|feedback)_', '', name)
+    return re.sub(r'^(motor_data|data|log|feedback)_', '', name)
 
 
 def kind_of(address: str, unit: str = '') -> Kind:
