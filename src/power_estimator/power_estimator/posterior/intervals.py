@@ -11,7 +11,7 @@ from power_estimator.effects import Effect
 from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
-from power_estimator.effects.model_file.model import DriveGroup, EffectModel
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.posterior.fitted_set import settle
@@ -95,7 +95,7 @@ def with_intervals(
     """The model with intervals that allow for sensors, delay and what no formula explains.
 
     Drives that share coefficients have their mean interval; the fitted value lies within, as do
-    the ends within the effects' bounds. Intervals of measurement terms stay as they are.
+    the ends of coefficients within the effects' bounds.
     """
     summaries = posteriors(model, prepared, base)
     drives = prepared.signals.names
@@ -107,6 +107,11 @@ def with_intervals(
             drawn = drawn_of(summaries[0 if prepared.whole else d], effects[name], prepared, d)
             ends.append(np.quantile(drawn, _LEVELS, axis=0))
         return np.mean(ends, axis=0)  # [2, n]
+
+    def of_error(name: str, value: FittedValue, own: Sequence[int]) -> FittedValue:
+        found = [summaries[0 if prepared.whole else d].sensors.get(name) for d in own]
+        ends = [np.quantile(drawn, _LEVELS) for drawn in found if drawn is not None]
+        return value.within(*np.mean(ends, axis=0).tolist()) if ends else value
 
     def widened(group: DriveGroup) -> DriveGroup:
         own = assign(drives, [group.type])[group.type.name]
@@ -121,6 +126,7 @@ def with_intervals(
                 value.within(float(low), float(high))
                 for value, low, high in zip(values, *ends, strict=True)
             )
-        return replace(group, coefficients=coefficients)
+        errors = {n: of_error(n, value, own) for n, value in group.measurement.items()}
+        return replace(group, coefficients=coefficients, measurement=errors)
 
     return replace(model, groups=tuple(widened(group) for group in model.groups))
