@@ -29,7 +29,7 @@ from power_lab.discover.known import same_term
 from power_lab.discover.outcome import split
 from power_lab.discover.selection import without_known
 from power_lab.discover.words import in_short
-from power_lab.report.discovery_tables import print_discovery
+from power_lab.report.tables import print_discovery
 from power_lab.structure.drivers import FACTORS, Driver, Family
 from power_lab.structure.memory import after_rest, by_stretch, lagged, play
 from power_recordings.alignment.dataset import AlignedDataset

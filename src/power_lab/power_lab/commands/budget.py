@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
         if options.json is not None:
             write_json(options.json, found.json())
         if options.figures is not None:
-            from power_lab.report.budget_figures import write_figures  # matplotlib: 0.5 s, 20 MB
+            from power_lab.report.budget_page import write_figures  # matplotlib: 0.5 s, 20 MB
 
             write_figures(options.figures, found)
         if options.report is not None:

@@ -9,9 +9,8 @@ from wattwalk_core.console import write_json
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
-from power_lab.report.balance import balance_lines, power_balances
 from power_lab.report.page import write_diagnosis
-from power_lab.report.tables import print_outcome
+from power_lab.report.tables import balance_lines, power_balances, print_outcome
 
 
 def run(options: argparse.Namespace) -> int:

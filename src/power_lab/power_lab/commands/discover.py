@@ -11,7 +11,7 @@ from wattwalk_core.files import together, write_whole
 from power_lab.commands import options as common
 from power_lab.discover.outcome import split
 from power_lab.report.discovery_page import write_discovery
-from power_lab.report.discovery_tables import print_discovery
+from power_lab.report.tables import print_discovery
 from power_lab.session import Session
 
 

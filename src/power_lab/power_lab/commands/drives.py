@@ -8,8 +8,7 @@ from rich.table import Table
 from wattwalk_core.console import write_json
 
 from power_lab.commands import options as common
-from power_lab.drives.export import exported
-from power_lab.drives.library import LibraryDrive, load_drive, names
+from power_lab.drives.library import LibraryDrive, exported, load_drive, names
 from power_lab.report.tables import print_model
 
 

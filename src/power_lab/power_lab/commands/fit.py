@@ -14,8 +14,7 @@ from power_lab.compare.both_sides import both_sides
 from power_lab.compare.fitting import named_effects
 from power_lab.compare.notes import notes
 from power_lab.drives.library import load_drive
-from power_lab.report.balance import balance_lines, balances_json, power_balances
-from power_lab.report.tables import print_model
+from power_lab.report.tables import balance_lines, balances_json, power_balances, print_model
 from power_lab.session import Session
 
 

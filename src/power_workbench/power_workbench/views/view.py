@@ -12,8 +12,7 @@ from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.left_out import LeftOut
 from power_estimator.judge.recordings import Loaded
 from power_lab.compare.comparison import Comparison, describe_state
-from power_lab.compare.regimes import standstill
-from power_lab.compare.worst_stretch import worst_stretch
+from power_lab.compare.regimes import standstill, worst_stretch
 from wattwalk_core.arrays import Floats, Singles
 
 from power_workbench.views.pyramid import Pyramid
