@@ -14,8 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from wattwalk_core.errors import InputError
-from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes.diagnostics import FaultLog, Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.running import run_node

@@ -10,8 +10,7 @@ from wattwalk_core.pages.page import Page, escape
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
 from power_lab.discover.found import Found
-from power_lab.discover.outcome import DiscoveryOutcome
-from power_lab.discover.transfer import Transfer
+from power_lab.discover.outcome import DiscoveryOutcome, Transfer
 from power_lab.report import figures
 from power_lab.structure.shapes import LearnedShape
 

@@ -12,8 +12,7 @@ from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.judge.left_out import spans_of
-from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.recordings import Loaded, spans_of
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.index.store import Stamp, usual_path
 from power_recordings.reading.reader import Recording

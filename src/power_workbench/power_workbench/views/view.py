@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_estimator.judge.left_out import LeftOut
-from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.recordings import LeftOut, Loaded
 from power_lab.compare.comparison import Comparison, describe_state
 from power_lab.compare.regimes import standstill, worst_stretch
 from wattwalk_core.arrays import Floats, Singles

@@ -18,8 +18,7 @@ from sensor_msgs.msg import JointState
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes.diagnostics import FaultLog, Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.services import offer
