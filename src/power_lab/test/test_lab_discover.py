@@ -22,9 +22,8 @@ from power_lab.commands.arguments import discover as discover_command
 from power_lab.commands.arguments import fit as fit_command
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import Written, effect_source
-from power_lab.discover.formula import Formula, Place, principal
+from power_lab.discover.formula import PRIMITIVES, Formula, Place, principal
 from power_lab.discover.found import Found, bounds_of, check_bounds
-from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.known import same_term
 from power_lab.discover.outcome import split
 from power_lab.discover.selection import without_known

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from wattwalk_core.arrays import Floats
 
-from power_lab.discover.formula import Formula, Place
-from power_lab.discover.grammar import PRIMITIVES, Primitive
+from power_lab.discover.formula import PRIMITIVES, Formula, Place, Primitive
 from power_lab.structure.drivers import Family
 from power_lab.structure.problem import DriveProblem
 from power_lab.structure.shapes import LearnedShape
