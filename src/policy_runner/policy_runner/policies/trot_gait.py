@@ -105,7 +105,7 @@ def stance_torque(
     [4]. height: commanded, m. gravity: unit vector in the base's frame [3]. spin: rad/s [3].
     velocity_error: commanded minus measured vx, vy, yaw rate [3].
     """
-    from policy_runner.policies.kinematics import stance_steps  # compiled: numba is slow to import
+    from policy_runner.policies.leg_steps import stance_steps  # compiled: numba is slow to import
 
     g = gains
     torque = np.empty((4, 3))
