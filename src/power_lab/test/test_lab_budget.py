@@ -80,7 +80,7 @@ def test_parts_of_a_model_sum_to_its_power(lab):
     coefficients = np.tile(sizes, (3, 1))
     parts = split(structure, coefficients, signals)
     assert set(parts.parts) == set(names)
-    assert parts.total() == pytest.approx(evaluate(structure, coefficients, signals))
+    assert sum(parts.parts.values()) == pytest.approx(evaluate(structure, coefficients, signals))
 
 
 def test_friction_counts_at_the_shaft_and_its_copper_loss_as_copper(lab):

@@ -59,11 +59,6 @@ class ScriptedTrot:
         """True while walking, False while standing."""
         return self._cycle.walking
 
-    @property
-    def stride(self) -> float:
-        """Gait phase, 0..1."""
-        return self._cycle.stride
-
     def reset(self) -> None:
         """Reset; the next step ramps in from the measured pose."""
         self._cycle = GaitCycle()

@@ -28,7 +28,6 @@ class LearnedShape:
     share: Floats  # [K], of the samples near each node
     coefficients: Floats  # [m + K], of the base and of the shape at the nodes
     by_fold: Floats  # [F + 1, m + K]
-    penalty: Floats  # [K, K]
     moments: Moments
     gain: float  # W² by row, held out
 
@@ -83,13 +82,13 @@ def learn(
     unit = float(np.trace(own)) / count
     if unit <= 0.0:
         return None
-    best: tuple[float, Floats, Floats] | None = None
+    best: tuple[float, Floats] | None = None
     for smoothing in _SMOOTHING:
         penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(count)
         solved = problem.solve(moments, penalty)
         error = float(moments.error(solved[:-1]).sum())
         if best is None or error < best[0]:
-            best = (error, solved, penalty)
+            best = (error, solved)
     assert best is not None
     return LearnedShape(
         family=family,
@@ -98,7 +97,6 @@ def learn(
         share=share,
         coefficients=best[1][-1],
         by_fold=best[1],
-        penalty=best[2],
         moments=moments,
         gain=problem.base_error - best[0] / moments.rows,
     )

@@ -109,18 +109,6 @@ class SessionRecord:
         """Take a step; what was undone is forgotten."""
         return replace(self, steps=(*self.done, step), at=self.at + 1)
 
-    def undo(self) -> 'SessionRecord':
-        """Go back one step; InputError at the beginning."""
-        if not self.at:
-            raise InputError('there is no step to undo')
-        return replace(self, at=self.at - 1)
-
-    def redo(self) -> 'SessionRecord':
-        """Take the step again that was undone last; InputError if there is none."""
-        if self.at == len(self.steps):
-            raise InputError('there is no step to do again')
-        return replace(self, at=self.at + 1)
-
     def go(self, at: int) -> 'SessionRecord':
         """Go to just after a step of the history; InputError for a step that is not there."""
         if not 0 <= at <= len(self.steps):
