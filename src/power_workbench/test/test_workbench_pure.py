@@ -12,8 +12,7 @@ from power_lab.diagnose.next_recording import Motion
 from power_recordings.reading.reader import Recording
 from power_workbench.files.folders import Folders
 from power_workbench.files.logs import misplaced
-from power_workbench.sessions.seen_models import SeenModels
-from power_workbench.sessions.source import Source
+from power_workbench.sessions.source import SeenModels, Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep
 from power_workbench.views import maps, moments
 from power_workbench.views.pyramid import Pyramid, masked

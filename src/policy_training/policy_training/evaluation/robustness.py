@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.folder import Contract
-from policy_runner.policies.network import Network
+from policy_runner.policies.learned import Network
 from scipy.stats import binomtest
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.arrays import Bools, Floats

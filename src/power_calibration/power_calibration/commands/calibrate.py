@@ -14,6 +14,7 @@ from wattwalk_core.files import together
 
 from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
+from power_calibration.analyser.curve import MeasuredDrive
 from power_calibration.analyser.figure import (
     COLUMNS,
     calibration_sentences,
@@ -22,7 +23,6 @@ from power_calibration.analyser.figure import (
     write_calibration_page,
 )
 from power_calibration.analyser.log import Log
-from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_recordings import calibration
 
 

@@ -7,7 +7,7 @@ from wattwalk_core.console import progress, write_json
 from wattwalk_core.files import together
 
 from power_estimator.evaluation import benchmark, figure
-from power_estimator.evaluation.tables import print_scores
+from power_estimator.evaluation.benchmark import print_scores
 
 
 def run(options: argparse.Namespace) -> int:

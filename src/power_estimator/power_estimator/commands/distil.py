@@ -11,8 +11,8 @@ from wattwalk_core.console import output, print_table
 from wattwalk_core.engine.options import Workplace
 
 from power_estimator import recordings
+from power_estimator.evaluation.benchmark import table
 from power_estimator.evaluation.cost import policy_step_cost
-from power_estimator.evaluation.tables import table
 from power_estimator.judge.recordings import load
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.training.distillation import (

@@ -14,7 +14,7 @@ from power_estimator import recordings
 from power_estimator.commands.options import engine_of
 from power_estimator.drive_types import infer_types, parse_types
 from power_estimator.evaluation import figure
-from power_estimator.evaluation.tables import print_scores, table
+from power_estimator.evaluation.benchmark import print_scores, table
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import NetworkConfig

@@ -14,9 +14,9 @@ from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.files import together
 
 from power_fleet.report.page import print_tracked, write_tracked
-from power_fleet.track.kept_fit import key_of
 from power_fleet.track.outcome import model_of, track
 from power_fleet.track.reading import Request
+from power_fleet.track.recording_fit import key_of
 
 
 def run(options: argparse.Namespace) -> int:

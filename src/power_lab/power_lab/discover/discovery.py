@@ -39,9 +39,8 @@ from power_lab.discover.words import effect_name, excitation, in_short, look_ali
 from power_lab.structure.drivers import driver_values, families
 from power_lab.structure.floors import above_floor, floors, unseen
 from power_lab.structure.in_time import InTime, course_effect, in_time
-from power_lab.structure.problem import DriveProblem, problems
 from power_lab.structure.screening import DriverGain, DriverScreen, chance, promising
-from power_lab.structure.shapes import LearnedShape, learn
+from power_lab.structure.shapes import DriveProblem, LearnedShape, learn, problems
 from power_lab.structure.words import in_words
 
 MOST_EFFECTS = 3

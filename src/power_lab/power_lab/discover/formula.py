@@ -12,8 +12,7 @@ from scipy.optimize import minimize
 from wattwalk_core.arrays import Floats
 
 from power_lab.structure.drivers import Family
-from power_lab.structure.problem import DriveProblem
-from power_lab.structure.shapes import instant
+from power_lab.structure.shapes import DriveProblem, instant
 
 
 def step(z: Floats, at: float, edge: float) -> Floats:

@@ -9,8 +9,7 @@ from wattwalk_core.arrays import Floats
 
 from power_lab.discover.formula import PRIMITIVES, Formula, Place, Primitive
 from power_lab.structure.drivers import Family
-from power_lab.structure.problem import DriveProblem
-from power_lab.structure.shapes import LearnedShape
+from power_lab.structure.shapes import DriveProblem, LearnedShape
 
 _LEAST_LEFT = 1e-4  # of a column's square, after the base's columns are projected out
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 from wattwalk_core.arrays import Floats
-from wattwalk_core.pages.page import Page, escape
-from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
+from wattwalk_core.pages.page import COLORS, Figure, Page, escape, finished, short
 
 from power_lab.discover.found import Found
 from power_lab.discover.outcome import DiscoveryOutcome, Transfer

@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel, over_meters
 from wattwalk_core.arrays import Floats
-from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
+from wattwalk_core.pages.page import COLORS, Figure, finished, short
 
 from power_lab.compare.regimes import UNITS, bins, worst_stretch
 

@@ -11,7 +11,7 @@ from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_
 from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun, write_bag
 from sim_bridge.plant.world import Stand, stand_world
-from sim_bridge.sensors.meter import DeviceClock
+from sim_bridge.sensors.sensors import DeviceClock
 
 
 def _stand(options: argparse.Namespace) -> Stand:

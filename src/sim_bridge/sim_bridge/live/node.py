@@ -23,9 +23,8 @@ from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.services import offer
 
-from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.publishing import SamplePublisher
-from sim_bridge.live.real_time import LivePlant, joint_command
+from sim_bridge.live.real_time import FrameEncoder, LivePlant, SimulatedBus, joint_command
 from sim_bridge.offline.session import random_push
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import Simulation
