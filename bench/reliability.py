@@ -23,9 +23,8 @@ from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
-from drive_logs import log_questions
+from drive_logs import log_questions, metered, rms
 from lab_scenarios import blind_questions
-from power_recordings.alignment.dataset import AlignedDataset
 from reliability_questions import (
     Question,
     plant_questions,
@@ -231,7 +230,7 @@ def answer(asked: Examination) -> dict[str, Any]:
             'coefficients': {name: dict(own) for name, own in sealed.coefficients.items()},
             'watts': dict(sealed.watts),
             'rate': sealed.data.rate,
-            'rms_w': _rms(sealed.data),
+            'rms_w': rms(metered(sealed.data)),
         }
         with threadpool_limits(limits=1):
             start = time.monotonic()
@@ -245,12 +244,6 @@ def answer(asked: Examination) -> dict[str, Any]:
     except Exception as error:  # one broken recording must not end the benchmark
         row['error'] = f'{type(error).__name__}: {error}'
     return row
-
-
-def _rms(data: AlignedDataset) -> float:
-    """W rms of the metered power about its mean, over all meters."""
-    power = data.power if data.measured_drives() else data.supply[:, None]
-    return float(np.sqrt(np.nanmean(np.square(power - np.nanmean(power, axis=0)))))
 
 
 def version(judge: str) -> str:

@@ -20,6 +20,7 @@ from power_estimator.model import PowerModel
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
+from power_lab.diagnose.findings import short
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds
@@ -210,13 +211,13 @@ class DiscoveryOutcome:
                 {
                     'name': one.name,
                     'drives': [names[drive] for drive in one.drives],
-                    'explains_w': _short(one.explains),
+                    'explains_w': short(one.explains),
                 }
                 for one in d.named
             ],
             'sentence': self.sentence,
             'nothing': None if d.found else d.nothing,
-            'chance': _short(d.chance),
+            'chance': short(d.chance),
             'model': self.model.name,
             'recordings': [entry['name'] for entry in self.loaded.identities],
             'tested_on': list(self.tested_on),
@@ -224,7 +225,7 @@ class DiscoveryOutcome:
                 name: {
                     'rmse_w': self.before.drives[name].json()['rmse_w'],
                     'rmse_after_w': self.after.drives[name].json()['rmse_w'],
-                    'floor_w': _short(float(d.floor[i])),
+                    'floor_w': short(float(d.floor[i])),
                     'sensor_noise_w': _finite(float(self.own.prepared.noise[i])),
                 }
                 for i, name in enumerate(names)
@@ -239,15 +240,15 @@ class DiscoveryOutcome:
             'drives': [names[d] for d in one.drives],
             'formula': _course_text(one) if one.formula is None else one.formula.text(),
             'bounds': {},
-            'explains_w': _short(one.explains),
-            'interval': [_short(bound) for bound in one.interval],
+            'explains_w': short(one.explains),
+            'interval': [short(bound) for bound in one.interval],
             'transfers': None if transfer is None else transfer.transfers,
             'sentence': self.told(one, transfer),
             'in_file': one.written is not None,
         }
         if one.course is not None:
             period = one.course.shape.period
-            content['period_s'] = _short(period) if period else None
+            content['period_s'] = short(period) if period else None
         if one.formula is None or one.written is None:
             return content
         content |= {
@@ -258,25 +259,25 @@ class DiscoveryOutcome:
             'formulas': {names[d]: one.formula.text(d) for d in one.formula.places},
             'unit': one.formula.unit,
             'coefficients': {
-                names[d]: [_short(v) for v in values]
+                names[d]: [short(v) for v in values]
                 for d, values in (one.coefficients or {}).items()
             },
             'intervals': {
-                names[d]: [[_short(a), _short(b)] for a, b in values]
+                names[d]: [[short(a), short(b)] for a, b in values]
                 for d, values in (one.coefficient_intervals or {}).items()
             },
-            'keeps': _short(one.kept),
+            'keeps': short(one.kept),
             'near': list(one.written.near),
             'excitation': dict(one.written.excitation),
-            'rivals': [{'formula': text, 'leaves_w': _short(watts)} for text, watts in one.rivals],
+            'rivals': [{'formula': text, 'leaves_w': short(watts)} for text, watts in one.rivals],
         }
         if transfer is not None:
             content['other_recording'] = {
                 'rmse_before_w': dict(
-                    zip(transfer.drives, map(_short, transfer.before), strict=True)
+                    zip(transfer.drives, map(short, transfer.before), strict=True)
                 ),
                 'rmse_after_w': dict(
-                    zip(transfer.drives, map(_short, transfer.after), strict=True)
+                    zip(transfer.drives, map(short, transfer.after), strict=True)
                 ),
                 'reason': transfer.reason,
             }
@@ -370,9 +371,5 @@ def split(bags: Sequence[Any], test: Sequence[Any]) -> tuple[list[Any], list[Any
     return list(bags[:-1]), list(bags[-1:])
 
 
-def _short(value: float) -> float:
-    return float(f'{value:.5g}')
-
-
 def _finite(value: float) -> float | None:
-    return _short(value) if np.isfinite(value) else None
+    return short(value) if np.isfinite(value) else None
