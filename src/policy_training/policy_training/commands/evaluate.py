@@ -39,8 +39,7 @@ def run(options: argparse.Namespace) -> int:
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
     _print(output(140), result)
     with together():
-        if options.json is not None:
-            write_json(options.json, result)
+        write_json(options.json, result)
         if options.report is not None:
             write_report(options.report, result, cycles, curves)
     for written in (options.report, options.video):

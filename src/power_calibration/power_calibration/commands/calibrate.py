@@ -43,8 +43,7 @@ def run(options: argparse.Namespace) -> int:
         content = found.json()
         with together():
             _save(options, content, kept, is_applied)
-            if options.json is not None:
-                write_json(options.json, content)
+            write_json(options.json, content)
             if options.report is not None:
                 show(f'drawing {options.report}')
                 _report(options.report, found)

@@ -24,8 +24,7 @@ def run(options: argparse.Namespace) -> int:
     check_recordings([options.recording])
     with progress(f'reading {options.recording}') as show:
         found = summarise(Recording.open(options.recording), options.drives, show)
-        if options.json is not None:
-            write_json(options.json, found.json())
+        write_json(options.json, found.json())
         if options.report is not None:
             show(f'drawing {options.report}')
             _report(options.report, found)

@@ -19,8 +19,7 @@ def run(options: argparse.Namespace) -> int:
     title = f'{found.extent} held out ({"; ".join(found.held_out)})'
     print_scores(found.table, title)
     with together():
-        if options.json:
-            write_json(options.json, found.table)
+        write_json(options.json, found.table)
         if options.picture:
             bars = options.picture.with_stem(options.picture.stem + '_r2')
             figure.draw_traces(options.picture, found.traces, dark=options.dark)

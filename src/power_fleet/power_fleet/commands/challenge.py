@@ -40,6 +40,5 @@ def reveal(options: argparse.Namespace) -> int:
         )
     if not answer['hidden']:
         print('hidden: nothing; only weather, gaits and payloads differ')
-    if options.json:
-        write_json(options.json, answer)
+    write_json(options.json, answer)
     return 0

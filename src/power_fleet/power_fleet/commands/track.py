@@ -33,8 +33,7 @@ def run(options: argparse.Namespace) -> int:
         content = found.json()
     print_tracked(common.console(), found)
     with together():
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.report:
             write_tracked(options.report, found)
     if options.report:

@@ -37,8 +37,7 @@ def run(options: argparse.Namespace) -> int:
     }
     with together():
         lab.save(options.output)
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
     print_model(common.console(), better)
     _print_staircase(better)
     print(f'wrote {options.output}')

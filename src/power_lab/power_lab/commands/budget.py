@@ -22,8 +22,7 @@ def run(options: argparse.Namespace) -> int:
     for note in notes(lab.judge.prepared):
         print(note)
     with together():
-        if options.json is not None:
-            write_json(options.json, found.json())
+        write_json(options.json, found.json())
         if options.figures is not None:
             from power_lab.report.budget_page import write_figures  # matplotlib: 0.5 s, 20 MB
 

@@ -29,8 +29,7 @@ def run(options: argparse.Namespace) -> int:
     )
     seal(challenge, options.output)
     bag, known = options.output, ','.join(challenge.known)
-    if options.json:
-        write_json(options.json, {'known': list(challenge.known)})
+    write_json(options.json, {'known': list(challenge.known)})
     if options.walk:
         print(f'{bag}: the same robot walks again; judge models on it that never saw it:')
         print(f'  ros2 run power_lab compare {bag} --models base.yaml better.yaml')
@@ -61,6 +60,5 @@ def reveal(options: argparse.Namespace) -> int:
             raise InputError(f'{options.diagnosis}: not what diagnose --json writes')
         answer['score'] = score(answer, found)
         print(f'the diagnosis ({found["verdict"]}) is {answer["score"]}')
-    if options.json:
-        write_json(options.json, answer)
+    write_json(options.json, answer)
     return 0

@@ -18,8 +18,7 @@ def run(options: argparse.Namespace) -> int:
     print_comparison(common.console(), content)
     print(closest(content['models']))
     with together():
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.report:
             write_comparison(options.report, comparison)
     if options.report:

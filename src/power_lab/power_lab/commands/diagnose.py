@@ -22,8 +22,7 @@ def run(options: argparse.Namespace) -> int:
         print(line)
     print_outcome(common.console(), outcome)
     with together():
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.motion:
             motion = outcome.motion
             if options.limits is not None:

@@ -29,8 +29,7 @@ def run(options: argparse.Namespace) -> int:
     with together():
         if outcome.written:
             write_whole(options.output, outcome.source())
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.report:
             write_discovery(options.report, outcome)
     names = [one.name for one in outcome.discovery.named]

@@ -55,8 +55,7 @@ def run(options: argparse.Namespace) -> int:
     }
     with together():
         lab.save(options.output)
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
     for line in balance_lines(loaded.data, balances):
         print(line)
     print_model(common.console(), model)

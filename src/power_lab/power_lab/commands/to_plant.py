@@ -16,8 +16,7 @@ def run(options: argparse.Namespace) -> int:
     plant, strengths = to_plant(model, Plant.load(options.plant))
     with together():
         plant.save(options.output)
-        if options.json is not None:
-            write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
+        write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
     for name, value in strengths.items():
         print(f'{name:24} {value:.3g} times that of {options.plant}')
     print(f'wrote {options.output}')

@@ -24,8 +24,7 @@ def run(options: argparse.Namespace) -> int:
             one = checked(path, index)
             print_quality(one)
             found[str(path)] = one.quality.content()
-    if options.json is not None:
-        write_json(options.json, finite(found))
+    write_json(options.json, finite(found))
     return 0
 
 

@@ -55,8 +55,7 @@ def run(options: argparse.Namespace) -> int:
         result = summary(analysis)
     _print(analysis)
     with together():
-        if options.json is not None:
-            write_json(options.json, result)
+        write_json(options.json, result)
         if options.picture is not None:
             save_figure(draw_sound(analysis), options.picture)
         if options.report is not None:
