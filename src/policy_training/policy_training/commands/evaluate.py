@@ -21,7 +21,7 @@ from policy_training.evaluation.tasks import parse_tasks
 from policy_training.learning.run_folder import policy_source, read_curves
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     tasks = parse_tasks(options.tasks)
     if options.video is not None:
         options.video.mkdir(parents=True, exist_ok=True)
@@ -45,7 +45,6 @@ def run(options: argparse.Namespace) -> int:
     for written in (options.report, options.video):
         if written is not None:
             print(f'wrote {written}')
-    return 0
 
 
 def _named_bag(text: str) -> tuple[str, Path]:

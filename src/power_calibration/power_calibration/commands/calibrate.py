@@ -26,7 +26,7 @@ from power_calibration.analyser.log import Log
 from power_recordings import calibration
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Compare, and write the calibration and the outputs asked for; 2 for bad input."""
     check_recordings([options.recording])
     with progress(f'reading {options.recording}') as show:
@@ -52,7 +52,6 @@ def run(options: argparse.Namespace) -> int:
         if path is not None:
             print(path)
     print(f'next: ros2 run power_daq daq --ros-args -p calibration:={options.output}')
-    return 0
 
 
 def _kept(onto: Path | None, measured: MeasuredDrive) -> tuple[dict[str, object], bool]:

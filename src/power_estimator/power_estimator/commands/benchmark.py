@@ -10,7 +10,7 @@ from power_estimator.evaluation import benchmark, figure
 from power_estimator.evaluation.benchmark import print_scores
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings(options.bags)
     with progress('reading, aligning and estimating'):
         found = benchmark.run(
@@ -26,4 +26,3 @@ def run(options: argparse.Namespace) -> int:
             figure.draw_bars(bars, found.table, title=title, dark=options.dark)
     if options.picture:
         print(f'pictures: {options.picture}, {bars}')
-    return 0

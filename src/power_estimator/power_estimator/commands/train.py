@@ -30,7 +30,7 @@ TRACES = 'traces.png'
 BARS = 'r2.png'
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     place = Workplace.of(options)
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
@@ -94,7 +94,6 @@ def run(options: argparse.Namespace) -> int:
         folder.finish(trainers)
     print_scores(result, title)
     _next(options.output, options.bags)
-    return 0
 
 
 def _next(run: Path, bags: Sequence[Path]) -> None:

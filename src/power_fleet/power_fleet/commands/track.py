@@ -19,7 +19,7 @@ from power_fleet.track.reading import Request
 from power_fleet.track.recording_fit import key_of
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings([path for path in options.bags if not path.exists()])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
@@ -39,4 +39,3 @@ def run(options: argparse.Namespace) -> int:
     if options.report:
         print(f'report: {options.report}')
     print(f'next: {found.next_command(options.model)}')
-    return 0

@@ -10,7 +10,7 @@ from power_lab.commands import options as common
 from power_lab.compare.notes import notes
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     changes = parse_changes(options.change)
     models = [] if options.model is None else [options.model]
     with common.opened(options, models) as (lab, show):
@@ -33,4 +33,3 @@ def run(options: argparse.Namespace) -> int:
             write_budget(options.report, found)
     for path in filter(None, (options.report, options.figures)):
         print(f'wrote {path}')
-    return 0

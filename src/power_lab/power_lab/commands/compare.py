@@ -10,7 +10,7 @@ from power_lab.report.page import closest, write_comparison
 from power_lab.report.tables import print_comparison
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     with common.opened(options, options.models) as (lab, show):
         show('comparing')
         comparison = lab.compare(*options.models)
@@ -23,4 +23,3 @@ def run(options: argparse.Namespace) -> int:
             write_comparison(options.report, comparison)
     if options.report:
         print(f'report: {options.report}')
-    return 0

@@ -13,7 +13,7 @@ from power_lab.report.page import write_diagnosis
 from power_lab.report.tables import balance_lines, power_balances, print_outcome
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     with common.opened(options, [options.model, *options.also]) as (lab, show):
         show('diagnosing')
         outcome = lab.load(options.model).diagnose(options.seed, show)
@@ -46,4 +46,3 @@ def run(options: argparse.Namespace) -> int:
     else:
         asked = ('--model', options.model, '--motion', common.unused('next.yaml'))
         print(common.next_command('diagnose', options, *asked))
-    return 0

@@ -15,7 +15,7 @@ from power_lab.report.tables import print_discovery
 from power_lab.session import Session
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings([*options.bags, *options.test])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
@@ -46,4 +46,3 @@ def run(options: argparse.Namespace) -> int:
     print(told)
     if options.report:
         print(f'report: {options.report}')
-    return 0

@@ -18,7 +18,7 @@ from power_lab.report.tables import balance_lines, balances_json, power_balances
 from power_lab.session import Session
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings(options.bags)
     catalogue = load_catalogue(options.effects_path)
     effects = named_effects(options.effects, catalogue)
@@ -66,4 +66,3 @@ def run(options: argparse.Namespace) -> int:
     errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())
     print(f'wrote {options.output}; held-out error: {errors}')
     print(common.next_command('diagnose', options, '--model', options.output))
-    return 0

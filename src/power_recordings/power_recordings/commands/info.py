@@ -16,7 +16,7 @@ _WIDTH = 110
 _FINDING = 1000  # characters
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Print the quality of recordings."""
     found = {}
     with RecordingIndex(usual_path()) as index:
@@ -25,7 +25,6 @@ def run(options: argparse.Namespace) -> int:
             print_quality(one)
             found[str(path)] = one.quality.content()
     write_json(options.json, finite(found))
-    return 0
 
 
 def print_quality(checked: Checked) -> None:

@@ -40,7 +40,7 @@ def entries_of(
     return [Entry(entry.path, entry.policy, bag) for entry, bag in pairs]
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Measure, compare and report; 2 for bad input."""
     entries = entries_of(options.files, options.policy, options.recording)
     settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
@@ -69,7 +69,6 @@ def run(options: argparse.Namespace) -> int:
         print('next: --recording BAG… aligns sound and power, and evaluates walking only')
     elif options.report is None:
         print('next: --report sound.html shows levels, spectra and the alignment')
-    return 0
 
 
 def _print(analysis: Analysis) -> None:
