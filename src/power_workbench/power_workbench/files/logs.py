@@ -63,8 +63,8 @@ def look(show: Show, file: str) -> dict[str, Any]:
 
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Signals of the first rows in SI units, or the error and the place in the map that has it."""
-    from power_recordings.importing.listing import preview_log
-    from power_recordings.importing.map_file import parse_map  # slow to import
+    from power_recordings.importing.listing import preview_log  # slow to import
+    from power_recordings.importing.map_file import parse_map
     from power_recordings.importing.origin import origin_of_power
     from power_recordings.importing.plan import make_plan
     from power_recordings.importing.sources import open_source
