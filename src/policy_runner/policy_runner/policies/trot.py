@@ -13,7 +13,7 @@ from typing import Annotated, Final
 import numpy as np
 from wattwalk_core.anymal import FOOT_RADIUS, FRONT, GRAVITY, LEFT, LIMITS, ROBOT_MASS
 from wattwalk_core.arrays import Floats
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 from policy_runner.policies import kinematics
 from policy_runner.policies.kinematics import LegState, clipped
@@ -24,7 +24,7 @@ _SHIFT_WEIGHT: Final = 0.06
 
 
 @dataclass(frozen=True)
-class Feedback:
+class Feedback(CheckedFields):
     """Feedback gains of the body's tilt, height and velocity; InputError for one out of range.
 
     foothold: of foot placement by the velocity error. velocity, yaw: of stance feet. yielding:
@@ -42,12 +42,9 @@ class Feedback:
     settle: Annotated[float, Quantity(0.0, inf, '1/s')] = 4.0
     trim: Annotated[float, Quantity(0.0, inf, '1/s')] = 0.5
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class TrotConfig:
+class TrotConfig(CheckedFields):
     """Shape of the gait and gains of the drives; InputError for a value out of range.
 
     frequency: of strides. duty: share of a stride that a foot is on the ground. height: base over
@@ -72,9 +69,6 @@ class TrotConfig:
     damping: Annotated[float, Quantity(0.0, 30.0, 'N·m·s/rad')] = 3.5
     friction: Annotated[float, Quantity(0.0, 10.0, 'N·m')] = 1.2
     feedback: Feedback = field(default_factory=Feedback)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def footholds(self) -> Floats:

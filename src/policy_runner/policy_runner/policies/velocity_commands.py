@@ -7,13 +7,13 @@ from typing import Annotated, Final
 import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 _KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
 
 
 @dataclass(frozen=True)
-class CommandRange:
+class CommandRange(CheckedFields):
     """Range of random commands; InputError for values out of range.
 
     period: mean time between commands. ramp: duration of the transition between commands.
@@ -31,7 +31,7 @@ class CommandRange:
     mixed: tuple[float, float] = (0.5, 0.7)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if not 0.0 < self.ramp < self.period / 2:
             raise InputError(
                 f'ramp is {self.ramp!r} s; it must lie in 0..{self.period / 2} s, half the period'

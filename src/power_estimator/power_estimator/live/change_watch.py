@@ -10,7 +10,7 @@ import numpy as np
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Quantity, check_quantities, read, schema
+from wattwalk_core.schema import CheckedFields, Quantity, read, schema
 from wattwalk_core.yaml_file import dump_yaml
 
 CLIP = 3.0
@@ -201,15 +201,12 @@ _WHOLE: Final = 0.8  # of a second's or a block's samples that must be there
 
 
 @dataclass(frozen=True)
-class WatchConfig:
+class WatchConfig(CheckedFields):
     """Length of blocks and of the reference, and the false alarms that are allowed."""
 
     false_alarms_per_month: Annotated[float, Quantity(1e-3, 1e3, '', 'of motion')] = 1.0
     reference_minutes: Annotated[float, Quantity(5.0, 600.0, 'min', 'of motion')] = 30.0
     block: Annotated[int, Quantity(3, 60, 's')] = 10
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def blocks_between_alarms(self) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Name, Printable, Quantity, check_quantities, parse, schema
+from wattwalk_core.schema import CheckedFields, Name, Printable, Quantity, parse, schema
 from wattwalk_core.tensors import TensorFile, checked_tensors, read_tensors
 from wattwalk_core.yaml_file import dump_yaml, parse_yaml
 
@@ -27,7 +27,7 @@ _Watts = Annotated[float, Quantity(-1e9, 1e9, 'W')]
 
 
 @schema
-class Intervals:
+class Intervals(CheckedFields):
     """Range in which the measured power of an estimate at 50 Hz lies with probability `level`.
 
     Bins of estimated power have their own widths, from residuals that the network was not
@@ -42,7 +42,7 @@ class Intervals:
     above: tuple[_Watts, ...]  # by which it may lie above [n]
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         numbers = (*self.edges, *self.below, *self.above)
         sizes = len(self.edges) + 1 == len(self.below) == len(self.above)
         if not sizes or not np.isfinite(numbers).all() or list(self.edges) != sorted(self.edges):
@@ -101,7 +101,7 @@ _Time = Annotated[float, Quantity(-1e12, 1e12, 's')]
 
 
 @schema
-class NetworkConfig:
+class NetworkConfig(CheckedFields):
     """Shape and timing of the network; the defaults are the paper's (Section III-B)."""
 
     hidden: Annotated[int, Quantity(1, 1024)] = 100
@@ -111,7 +111,7 @@ class NetworkConfig:
     block: Annotated[int, Quantity(1, 100, 'outputs')] = 4  # averaged into one estimate
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.warm_up >= self.history:
             raise InputError(f'warm_up = {self.warm_up} is not below history = {self.history}')
 
