@@ -192,7 +192,8 @@ class CheckedFields:
     """A dataclass whose fields with a Quantity are checked when it is made; InputError."""
 
     def __post_init__(self) -> None:
-        for name, (kind, quantity) in _quantities(self.__class__).items():
+        own: Any = self.__class__
+        for name, (kind, quantity) in _quantities(own).items():
             try:
                 object.__setattr__(self, name, quantity.check(getattr(self, name), kind))
             except ValueError as error:
