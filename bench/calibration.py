@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
+from power_calibration.analyser.curve import MeasuredDrive
 from power_calibration.analyser.log import Log
-from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_calibration.analyser.reference_fit import IntervalEstimate
 from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
@@ -29,7 +29,7 @@ from sim_bridge.offline.telemetry import START_NS
 from sim_bridge.plant.parameters import MeterParameters, Plant
 from sim_bridge.plant.simulation import STEP, PlantBlock
 from sim_bridge.plant.world import stand_world
-from sim_bridge.sensors.meter import DeviceClock, Meter
+from sim_bridge.sensors.sensors import DeviceClock, Meter
 from wattwalk_core.arrays import Floats
 from wattwalk_core.console import output, print_table
 

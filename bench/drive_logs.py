@@ -209,7 +209,7 @@ def added_power(name: str, data: AlignedDataset, size: float) -> Floats:
     power = _shape(name, data, tau, w)
     meters = metered(data)
     shown = power.sum(axis=1, keepdims=True) if is_whole(data) else power
-    return power * (size * _rms(meters) / max(_rms(shown), _LEAST))
+    return power * (size * rms(meters) / max(rms(shown), _LEAST))
 
 
 def _shape(name: str, data: AlignedDataset, tau: Floats, w: Floats) -> Floats:
@@ -244,7 +244,7 @@ def _unabsorbed(power: Floats, data: AlignedDataset) -> float:
     Else what they leave of it.
     """
     left = [residual(column, _model(data, place))[0] for place, column in enumerate(power.T)]
-    rest, size = float(np.sqrt(np.mean(np.square(np.concatenate(left))))), _rms(power)
+    rest, size = float(np.sqrt(np.mean(np.square(np.concatenate(left))))), rms(power)
     return size if rest >= 0.5 * size else rest
 
 
@@ -295,7 +295,7 @@ def metered(data: AlignedDataset) -> Floats:
     return (data.supply[:, None] if is_whole(data) else data.power).astype(np.float64)
 
 
-def _rms(power: Floats) -> float:
+def rms(power: Floats) -> float:
     """W rms about the mean of each meter."""
     return float(np.sqrt(np.nanmean(np.square(power - np.nanmean(power, axis=0)))))
 
@@ -336,10 +336,10 @@ def _fitting(log: DriveLog, data: AlignedDataset) -> list[tuple[str, float]]:
             continue
         whole = name in ('blocked', 'half_blocked')
         power = added_power(name, data, 0.05)
-        if not np.isfinite(power).any() or _rms(power) < 0.005 * _rms(metered(data)):
+        if not np.isfinite(power).any() or rms(power) < 0.005 * rms(metered(data)):
             continue
         if not data.steady and _shown_s(power, data) < _BURST:
             continue
-        sizes = (_rms(power) / _rms(metered(data)),) if whole else SIZES
+        sizes = (rms(power) / rms(metered(data)),) if whole else SIZES
         out += [(name, size) for size in sizes]
     return out

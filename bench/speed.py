@@ -26,8 +26,7 @@ from power_daq.bus.description import BusDescription
 from power_recordings.alignment.align import load_aligned
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter
-from sim_bridge.live.frames import FrameEncoder
-from sim_bridge.live.real_time import BLOCK
+from sim_bridge.live.real_time import BLOCK, FrameEncoder
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant

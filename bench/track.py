@@ -26,8 +26,13 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_fleet.track.history import histories
-from power_fleet.track.kept_fit import from_bytes, to_bytes
-from power_fleet.track.recording_fit import Occasion, RecordingFit, fit_recording
+from power_fleet.track.recording_fit import (
+    Occasion,
+    RecordingFit,
+    fit_recording,
+    from_bytes,
+    to_bytes,
+)
 from power_fleet.track.search import CertainChange, Search, search
 from power_fleet.track.unmodelled import growths
 from rich.console import Console

@@ -6,8 +6,7 @@ import rclpy
 from policy_runner.nodes.run import PolicyRunner
 from policy_runner.nodes.run_options import Options
 from power_daq.bus.description import BusDescription
-from sim_bridge.live.frames import FrameEncoder
-from sim_bridge.live.real_time import LivePlant
+from sim_bridge.live.real_time import FrameEncoder, LivePlant
 from sim_bridge.offline.controllers import make_controller
 from sim_bridge.offline.run import OfflineRun
 from sim_bridge.offline.telemetry import START_NS

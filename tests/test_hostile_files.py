@@ -26,12 +26,12 @@ from power_estimator.effects import load_catalogue
 from power_estimator.loader import load_model
 from power_estimator.network.checkpoint import (
     Checkpoint,
+    Intervals,
     Network,
     NetworkConfig,
     TrainingRecording,
 )
 from power_estimator.network.features import Scaling
-from power_estimator.network.intervals import Intervals
 from power_estimator.network.lstm import Weights
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 from safetensors.numpy import load, save

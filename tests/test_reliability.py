@@ -5,7 +5,7 @@ import json
 import pytest
 import reliability
 from judgements import diagnosed
-from reliability_figures import (
+from reliability import (
     beside_hidden,
     by,
     covered,

@@ -49,6 +49,6 @@ def test_no_package_handles_signals_or_spins_but_the_core():
     }
     core = 'wattwalk_core/wattwalk_core'
     assert found == {
-        *(f'{core}/early.py', f'{core}/interruption.py', f'{core}/command.py'),
+        *(f'{core}/early.py', f'{core}/command.py'),
         f'{core}/nodes/running.py',
     }

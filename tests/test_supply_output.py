@@ -3,8 +3,7 @@
 import time
 
 import pytest
-from power_daq.supply.instrument import Instrument, InstrumentSettings, LostError
-from power_daq.supply.output import OutputRequest
+from power_daq.supply.instrument import Instrument, InstrumentSettings, LostError, OutputRequest
 from sim_bridge.instruments.scpi import SupplyState, whole
 from supply_bench import PATIENCE
 from wattwalk_core.errors import InputError

@@ -2,7 +2,7 @@
 
 import numpy as np
 from policy_runner.policies import kinematics, leg_steps
-from policy_runner.policies.trot_gait import Feedback, stance_torque
+from policy_runner.policies.trot import Feedback, stance_torque
 from wattwalk_core.anymal import DEFAULT_POSE
 
 

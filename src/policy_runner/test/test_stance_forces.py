@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from policy_runner.policies.kinematics import forward
-from policy_runner.policies.trot_gait import Feedback, stance_torque
+from policy_runner.policies.trot import Feedback, stance_torque
 from wattwalk_core.anymal import DEFAULT_POSE, FOOT_RADIUS
 
 LEVEL = np.array([0.0, 0.0, -1.0])

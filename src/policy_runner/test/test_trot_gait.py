@@ -5,10 +5,10 @@ from policy_runner.policies.trot import (
     TARGET_LIMITS,
     TROTS,
     Feedback,
+    GaitCycle,
     ScriptedTrot,
     TrotConfig,
 )
-from policy_runner.policies.trot_gait import GaitCycle
 from wattwalk_core.anymal import DEFAULT_POSE, LIMITS
 from wattwalk_core.errors import InputError
 

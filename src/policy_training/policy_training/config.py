@@ -126,7 +126,7 @@ class RewardConfig:
 class PowerConfig:
     """Power term of Section II-A: weight × predicted power of all drives."""
 
-    model: str = ''  # ppn:FILE_OR_RUN, a file of effects, plant, see power_term.py; empty: none
+    model: str = ''  # ppn:FILE_OR_RUN, a file of effects, plant, see rewards.py; empty: none
     weight: Annotated[float, Quantity(0.0, 1.0, '1/W', 'per second; the paper: 4e-4')] = 0.0
     ramp_from: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps of weight 0')] = 0.0
     ramp_to: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps to full weight')] = 0.0

@@ -2,7 +2,7 @@ import numpy as np
 import policy_folders
 import pytest
 from policy_runner.policies.folder import read_folder
-from policy_runner.policies.network import Perceptron
+from policy_runner.policies.learned import Perceptron
 from policy_training.evaluation.robustness import (
     RobustnessConfig,
     evaluate_robustness,

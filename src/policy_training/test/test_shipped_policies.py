@@ -1,7 +1,7 @@
 import pytest
 from policy_runner.policies.by_name import SHIPPED, load_policy, shipped
 from policy_runner.policies.folder import read_folder
-from policy_runner.policies.network import Perceptron
+from policy_runner.policies.learned import Perceptron
 from policy_training.commands.arguments import export
 from policy_training.config import TrainingConfig
 from policy_training.evaluation.evaluate import score_walk

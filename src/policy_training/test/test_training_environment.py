@@ -5,9 +5,9 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import STANDARD
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import PlantPower, PredictedPower, power_source
+from policy_training.environment.rewards import PlantPower, PredictedPower, power_source
 from policy_training.environment.robots import Substep
-from policy_training.environment.vec_env import TorchEnvironment
+from policy_training.learning.learner import TorchEnvironment
 from policy_training.learning.training import export_policy
 from power_estimator.batch.power import BatchPower
 from sim_bridge.plant.parameters import Plant

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_training.config import PhysicsConfig, RandomConfig
-from policy_training.environment.drives import BatchDrives
-from policy_training.environment.robots import Robots
+from policy_training.environment.robots import BatchDrives, Robots
 from sim_bridge.plant.drive import Drives, JointCommand
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES

@@ -8,8 +8,7 @@ from pathlib import Path
 from power_recordings.calibration import Calibration
 from power_recordings.card import Card
 from wattwalk_core.errors import InputError, quoted
-from wattwalk_core.nodes.diagnostics import Report
-from wattwalk_core.nodes.fault_log import LogTarget
+from wattwalk_core.nodes.diagnostics import LogTarget, Report
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.worker import Worker
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
-from power_estimator.network.checkpoint import Checkpoint
-from power_estimator.network.intervals import Intervals
+from power_estimator.network.checkpoint import Checkpoint, Intervals
 from power_estimator.network.ppn import PowerPredictionNetwork
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import parse

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from power_estimator.live.sequential_test import ReferenceNoise, WatchReference
+from power_estimator.live.change_watch import ReferenceNoise, WatchReference
 from power_estimator.network.ppn import PowerPredictionNetwork
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy

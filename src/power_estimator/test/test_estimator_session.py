@@ -3,10 +3,9 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.live.change_watch import WatchConfig
+from power_estimator.live.change_watch import ReferenceNoise, WatchConfig
 from power_estimator.live.estimator import Status
 from power_estimator.live.score import LiveScore, measured_power
-from power_estimator.live.sequential_test import ReferenceNoise
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.drive_types import infer_types
-from power_estimator.evaluation.tables import table
+from power_estimator.evaluation.benchmark import table
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.network.checkpoint import NetworkConfig, TrainingRecording

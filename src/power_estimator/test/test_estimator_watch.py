@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.live.change_watch import LIKE, ChangeWatch, WatchConfig
-from power_estimator.live.sequential_test import (
+from power_estimator.live.change_watch import (
+    LIKE,
+    ChangeWatch,
     ReferenceNoise,
     ShiftDetector,
+    WatchConfig,
     WatchReference,
     log_e_values,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from power_estimator.judge.left_out import LeftOut, spans_of, without
+from power_estimator.judge.recordings import LeftOut, spans_of, without
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_fleet.track.history import DriveHistory, histories
-from power_fleet.track.kept_fit import Unfit, from_bytes, to_bytes
-from power_fleet.track.recording_fit import Occasion, RecordingFit
+from power_fleet.track.recording_fit import Occasion, RecordingFit, Unfit, from_bytes, to_bytes
 from power_fleet.track.search import hypotheses_of, search
 from power_fleet.track.shared import common_levels
 from power_fleet.track.unmodelled import growths

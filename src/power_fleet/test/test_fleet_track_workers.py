@@ -15,8 +15,8 @@ from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.judge.estimator import JudgeSettings
 from power_fleet.commands.arguments import track as track_command
 from power_fleet.track import reading
-from power_fleet.track.kept_fit import from_bytes
 from power_fleet.track.outcome import Request
+from power_fleet.track.recording_fit import from_bytes
 from power_recordings.index.store import RecordingIndex, Stamp
 from truth_circuit import Truth, record
 from wattwalk_core.errors import InputError

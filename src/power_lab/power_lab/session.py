@@ -24,7 +24,7 @@ from power_lab.budget.choice import chosen_model, judge_of_pieces
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.fitting import extended, fitted, named_effects, refitted
 from power_lab.discover.outcome import DiscoveryOutcome, discover
-from power_lab.report.staircase import Stairs
+from power_lab.report.figures import Stairs
 
 if TYPE_CHECKING:
     from power_lab.diagnose.outcome import Outcome

@@ -12,8 +12,8 @@ from power_estimator.effects.fit.design import Active, Structure, evaluate
 from power_estimator.effects.split import split
 from power_estimator.live.estimator import stream_of
 from power_lab.budget import choice
+from power_lab.budget.account import headline
 from power_lab.budget.levers import Lever, carried_over, parse_changes
-from power_lab.budget.tables import headline
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
 from power_lab.commands.arguments import budget as budget_command
 from wattwalk_core.errors import InputError
@@ -80,7 +80,7 @@ def test_parts_of_a_model_sum_to_its_power(lab):
     coefficients = np.tile(sizes, (3, 1))
     parts = split(structure, coefficients, signals)
     assert set(parts.parts) == set(names)
-    assert parts.total() == pytest.approx(evaluate(structure, coefficients, signals))
+    assert sum(parts.parts.values()) == pytest.approx(evaluate(structure, coefficients, signals))
 
 
 def test_friction_counts_at_the_shaft_and_its_copper_loss_as_copper(lab):

@@ -22,14 +22,13 @@ from power_lab.commands.arguments import discover as discover_command
 from power_lab.commands.arguments import fit as fit_command
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import Written, effect_source
-from power_lab.discover.formula import Formula, Place, principal
+from power_lab.discover.formula import PRIMITIVES, Formula, Place, principal
 from power_lab.discover.found import Found, bounds_of, check_bounds
-from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.known import same_term
 from power_lab.discover.outcome import split
 from power_lab.discover.selection import without_known
 from power_lab.discover.words import in_short
-from power_lab.report.discovery_tables import print_discovery
+from power_lab.report.tables import print_discovery
 from power_lab.structure.drivers import FACTORS, Driver, Family
 from power_lab.structure.memory import after_rest, by_stretch, lagged, play
 from power_recordings.alignment.dataset import AlignedDataset

@@ -9,8 +9,7 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.training import material
 from power_lab.discover.discovery import Discoverer
-from power_lab.discover.found import Found
-from power_lab.discover.superseded import without_superseded
+from power_lab.discover.found import Found, without_superseded
 from power_lab.structure.in_time import Course
 from power_recordings.alignment.dataset import AlignedDataset
 

@@ -11,8 +11,7 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_lab.commands.arguments import drives
 from power_lab.compare.fitting import fitted, named_effects
-from power_lab.drives.export import exported, power_function
-from power_lab.drives.library import load_drive, names
+from power_lab.drives.library import exported, load_drive, names, power_function
 from power_recordings.alignment.dataset import AlignedDataset
 
 KNOWN = builtin_catalogue()

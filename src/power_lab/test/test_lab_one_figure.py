@@ -15,7 +15,7 @@ from power_estimator.judge.recordings import load
 from power_lab.commands.arguments import add as add_command
 from power_lab.commands.arguments import compare as compare_command
 from power_lab.commands.arguments import fit as fit_command
-from power_lab.report.staircase import Stairs
+from power_lab.report.figures import Stairs
 
 WALK = str(Path(__file__).resolve().parents[3] / 'bags' / 'walk_small')
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
-from power_recordings.importing.moments import DAY, is_date, is_time_of_day, moments, unwrapped
+from power_recordings.importing.times import DAY, is_date, is_time_of_day, moments, unwrapped
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 

@@ -11,9 +11,8 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.judge.judge import Judge
 from power_lab.compare.fitting import fitted
 from power_recordings.reading.reader import Recording
-from power_workbench.files.array_file import ArrayFile, DamagedFileError
 from power_workbench.sessions.jobs import SessionJob
-from power_workbench.sessions.opened_cache import OpenedCache
+from power_workbench.sessions.opened_cache import ArrayFile, DamagedFileError, OpenedCache
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.source import Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 from power_recordings.commands.arguments import import_logs as import_main
+from power_recordings.importing.listing import preview_log
 from power_recordings.importing.map_file import parse_map
-from power_recordings.importing.preview import preview_log
 from power_recordings.importing.sources import open_source
 from power_recordings.reading.reader import Recording
 from real_logs import REAL

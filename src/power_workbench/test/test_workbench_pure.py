@@ -12,8 +12,7 @@ from power_lab.diagnose.next_recording import Motion
 from power_recordings.reading.reader import Recording
 from power_workbench.files.folders import Folders
 from power_workbench.files.logs import misplaced
-from power_workbench.sessions.seen_models import SeenModels
-from power_workbench.sessions.source import Source
+from power_workbench.sessions.source import SeenModels, Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep
 from power_workbench.views import maps, moments
 from power_workbench.views.pyramid import Pyramid, masked
@@ -26,7 +25,7 @@ ADD = SessionStep('add', effects=('load_friction',), model='model_2.yaml', rmse_
 
 
 def test_a_session_is_the_same_after_it_was_written_and_read(tmp_path):
-    session = SessionRecord().do(OPEN).do(FIT).do(ADD).undo()
+    session = SessionRecord().do(OPEN).do(FIT).do(ADD).go(2)
     session.save(tmp_path)
     assert SessionRecord.read(tmp_path) == session
     assert yaml.safe_load((tmp_path / 'session.yaml').read_text())['at'] == 2
@@ -35,15 +34,14 @@ def test_a_session_is_the_same_after_it_was_written_and_read(tmp_path):
 def test_undo_and_redo_move_through_the_history_and_a_new_step_forgets_what_was_undone(tmp_path):
     session = SessionRecord().do(OPEN).do(FIT).do(ADD)
     assert session.spec(tmp_path) == str(tmp_path / 'model_2.yaml')
-    back = session.undo()
+    back = session.go(2)
     assert back.spec(tmp_path) == str(tmp_path / 'model_1.yaml')
-    assert back.redo() == session
+    assert back.go(3) == session
     other = back.do(SessionStep('remove', effects=('idle',)))
     assert [step.kind for step in other.steps] == ['open', 'fit', 'remove']
-    with pytest.raises(InputError, match='again'):
-        other.redo()
-    with pytest.raises(InputError, match='undo'):
-        SessionRecord().undo()
+    for place in (-1, 4):
+        with pytest.raises(InputError, match='history'):
+            other.go(place)
 
 
 def test_no_two_steps_write_the_same_model():
@@ -51,8 +49,8 @@ def test_no_two_steps_write_the_same_model():
     names = []
     for _ in range(3):
         names.append(session.next_model())
-        session = session.do(SessionStep('fit', effects=('shaft',), model=names[-1])).undo()
-    session = session.redo()
+        session = session.do(SessionStep('fit', effects=('shaft',), model=names[-1])).go(1)
+    session = session.go(2)
     assert session.next_model() not in {step.model for step in session.steps}
 
 

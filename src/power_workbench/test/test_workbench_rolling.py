@@ -13,8 +13,7 @@ from power_recordings.messages.cdr import (
     in_a_list,
     joint_state_block,
 )
-from power_workbench.live.follower import LiveFollower
-from power_workbench.live.rolling import PERIOD, RollingPower
+from power_workbench.live.follower import PERIOD, LiveFollower, RollingPower
 from power_workbench.server.actions import keep_note
 from wattwalk_core.yaml_file import read_yaml
 

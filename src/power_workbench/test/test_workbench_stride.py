@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from power_workbench.views.stride import stride_phase
+from power_workbench.views.view import stride_phase
 
 RATE = 50
 

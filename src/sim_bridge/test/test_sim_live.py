@@ -5,8 +5,7 @@ import can
 import numpy as np
 import pytest
 from power_daq.bus.description import BusDescription
-from sim_bridge.live.frames import FrameEncoder, SimulatedBus
-from sim_bridge.live.real_time import LivePlant, joint_command
+from sim_bridge.live.real_time import FrameEncoder, LivePlant, SimulatedBus, joint_command
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import Simulation

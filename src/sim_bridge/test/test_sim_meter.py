@@ -6,15 +6,17 @@ from sim_bridge.plant.parameters import MeterParameters, Plant
 from sim_bridge.plant.simulation import STEP, PlantBlock, Simulation
 from sim_bridge.plant.world import stand_world, walking_world
 from sim_bridge.sensors.blocks import Instruments
-from sim_bridge.sensors.meter import (
+from sim_bridge.sensors.sensors import (
     OVERRANGE,
     UNDERRANGE,
     DeviceClock,
     FractionalDelay,
+    JointSensors,
     LowPass,
     Meter,
+    SupplySensor,
+    into_base,
 )
-from sim_bridge.sensors.sensors import JointSensors, SupplySensor, into_base
 from wattwalk_core.anymal import DEFAULT_POSE, FOOT_NAMES
 
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 from rich.console import Console
-from wattwalk_bringup.display import PlainDisplay, TableDisplay
+from wattwalk_bringup.commands.live import PlainDisplay, TableDisplay
 from wattwalk_bringup.node_group import LogFollower, NodeGroup
 from wattwalk_bringup.node_set import NodeCommand
 from wattwalk_core.errors import InputError

@@ -2,15 +2,15 @@
 
 import pytest
 from kept_log import KeptLog
-from wattwalk_core.nodes import fault_log
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes import diagnostics
+from wattwalk_core.nodes.diagnostics import FaultLog
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """The time in s that the log reads, in a list that a test changes."""
     now = [0.0]
-    monkeypatch.setattr(fault_log.time, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(diagnostics.time, 'monotonic', lambda: now[0])
     return now
 
 

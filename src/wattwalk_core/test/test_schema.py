@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar, Literal
 import pytest
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import (
+    CheckedFields,
     Length,
     Name,
     Quantity,
     check,
-    check_quantities,
     parse,
     read,
     schema,
@@ -141,12 +141,12 @@ def test_importing_a_schema_does_not_import_pydantic():
 
 
 @schema
-class Timing:
+class Timing(CheckedFields):
     rate: Annotated[float, Quantity(10.0, 1000.0, 'Hz')] = 200.0
     block: Annotated[int, Quantity(1, 100)] = 4
 
     def __post_init__(self):
-        check_quantities(self)
+        super().__post_init__()
 
 
 def test_an_instance_made_by_code_may_check_its_own_quantities():

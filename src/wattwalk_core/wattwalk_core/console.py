@@ -71,8 +71,13 @@ def print_table(
     console.print(table)
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write plain values as JSON; RecordingError if it cannot be written, ValueError for NaN."""
+def write_json(path: Path | None, content: Any) -> None:
+    """Write plain values as JSON, without a path nowhere.
+
+    InputError if it cannot be written, ValueError for NaN.
+    """
+    if path is None:
+        return
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     write_whole(path, text + '\n')
 

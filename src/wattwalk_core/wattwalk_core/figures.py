@@ -1,17 +1,20 @@
 """Plot style of figures, light or dark, and their files."""
 
+import base64
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
+from wattwalk_core.pages.page import escape
 
 OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#999999')
 """Colours beside blue that the colour-blind tell apart."""
@@ -49,3 +52,24 @@ def save_figure(figure: Figure, path: Path) -> None:
     except ValueError as error:
         raise InputError(f'{path}: {error}') from None
     write_whole(path, stream.getvalue())
+
+
+def embedded(draw: Callable[[bool], Figure], words: str) -> str:
+    """Markup of a picture that follows the page's colours.
+
+    draw: makes the figure, given whether it is for a dark page. words: for those who cannot see.
+    """
+    light, dark = (_data(draw(it)) for it in (False, True))
+    return (
+        '<picture>'
+        f'<source media="(prefers-color-scheme: dark)" srcset="{dark}">'
+        f'<img src="{light}" alt="{escape(words)}" style="width:100%;height:auto">'
+        '</picture>'
+    )
+
+
+def _data(figure: Figure) -> str:
+    FigureCanvasSVG(figure)
+    file = io.BytesIO()
+    figure.savefig(file, format='svg')
+    return 'data:image/svg+xml;base64,' + base64.b64encode(file.getvalue()).decode()

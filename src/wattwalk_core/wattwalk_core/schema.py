@@ -188,13 +188,16 @@ def check(item: object, where: str) -> None:
     parse(type(item), dataclasses.asdict(item), where)  # type: ignore[call-overload]
 
 
-def check_quantities(item: Any) -> None:
-    """Check an instance's fields with a Quantity, for its `__post_init__`; InputError."""
-    for name, (kind, quantity) in _quantities(item.__class__).items():
-        try:
-            object.__setattr__(item, name, quantity.check(getattr(item, name), kind))
-        except ValueError as error:
-            raise InputError(f'{name}: {error}') from None
+class CheckedFields:
+    """A dataclass whose fields with a Quantity are checked when it is made; InputError."""
+
+    def __post_init__(self) -> None:
+        own: Any = self.__class__
+        for name, (kind, quantity) in _quantities(own).items():
+            try:
+                object.__setattr__(self, name, quantity.check(getattr(self, name), kind))
+            except ValueError as error:
+                raise InputError(f'{name}: {error}') from None
 
 
 @lru_cache

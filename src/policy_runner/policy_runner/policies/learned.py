@@ -1,5 +1,6 @@
 """Learned policies on the robot, by their contract."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -12,14 +13,56 @@ from wattwalk_core.anymal import (
     ROBOT_MASS,
     VELOCITY_GAIN,
 )
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
-from policy_runner.policies.command_rate import CommandRateLimiter
 from policy_runner.policies.folder import Contract, read_folder
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
-from policy_runner.policies.network import Network, Perceptron
+from policy_runner.policies.velocity_commands import CommandRateLimiter
+
+
+def _elu(x: Singles) -> Singles:
+    return np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
+
+
+def _relu(x: Singles) -> Singles:
+    return np.maximum(x, 0)
+
+
+def _tanh(x: Singles) -> Singles:
+    return np.tanh(x)
+
+
+_FUNCTIONS: Final[Mapping[str, Callable[[Singles], Singles]]] = {
+    'elu': _elu,
+    'relu': _relu,
+    'tanh': _tanh,
+}
+
+
+class Perceptron:
+    """Perceptron of the layers `layer0`, `layer1`, … of a policy folder; the last is linear."""
+
+    def __init__(self, tensors: Mapping[str, Singles], activation: str) -> None:
+        count = sum(name.endswith('.weight') for name in tensors)
+        self._layers = [
+            (np.ascontiguousarray(tensors[f'layer{i}.weight'].T), tensors[f'layer{i}.bias'])
+            for i in range(count)
+        ]
+        self._activate = _FUNCTIONS[activation]
+
+    def __call__(self, observation: Singles) -> Singles:
+        """Return actions [..., outputs] for observations [..., inputs]."""
+        x = observation
+        for weight, bias in self._layers[:-1]:
+            x = self._activate(x @ weight + bias)
+        weight, bias = self._layers[-1]
+        return np.asarray(x @ weight + bias)
+
+
+Network = Callable[[Singles], Singles]  # observations [..., size] to actions [..., 12]
+
 
 _SETTLING: Final = 0.25  # s, in which the legs correct the accelerometer; best of 2 on 24 walks
 _BLIND_SETTLING: Final = 0.04  # s, the same without an accelerometer

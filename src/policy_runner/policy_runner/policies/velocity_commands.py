@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 _KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
 
 
 @dataclass(frozen=True)
-class CommandRange:
+class CommandRange(CheckedFields):
     """Range of random commands; InputError for values out of range.
 
     period: mean time between commands. ramp: duration of the transition between commands.
@@ -31,7 +31,7 @@ class CommandRange:
     mixed: tuple[float, float] = (0.5, 0.7)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if not 0.0 < self.ramp < self.period / 2:
             raise InputError(
                 f'ramp is {self.ramp!r} s; it must lie in 0..{self.period / 2} s, half the period'
@@ -131,3 +131,29 @@ class RandomCommands:
                 'mixed': (along, span.mixed[0] * across, span.mixed[1] * turn),
             }[kind]
         )
+
+
+COMMAND_RATE_LIMIT: Final = (1.0, 1.0, 2.0)
+"""Rate limit of the scripted trots: m/s², m/s², rad/s²."""
+
+
+class CommandRateLimiter:
+    """Rate-limited velocity commands of N robots.
+
+    limits: m/s², m/s², rad/s²; empty for none. `values` holds the limited commands [N, 3].
+    """
+
+    def __init__(self, limits: Sequence[float], count: int = 1) -> None:
+        self._limits = np.array(limits or (np.inf,) * 3)
+        self._limited = bool(np.isfinite(self._limits).all())
+        self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
+
+    def advance(self, seconds: float, commands: Floats) -> Floats:
+        """Advance towards commands [N, 3] and return the limited commands [N, 3]."""
+        if self._limited:
+            most = self._limits * seconds
+            away = commands - self.values
+            self.values = self.values + np.minimum(np.maximum(away, -most), most)
+        else:
+            self.values = np.array(commands, np.float64)
+        return self.values

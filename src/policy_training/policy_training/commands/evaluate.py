@@ -21,7 +21,7 @@ from policy_training.evaluation.tasks import parse_tasks
 from policy_training.learning.run_folder import policy_source, read_curves
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     tasks = parse_tasks(options.tasks)
     if options.video is not None:
         options.video.mkdir(parents=True, exist_ok=True)
@@ -39,14 +39,12 @@ def run(options: argparse.Namespace) -> int:
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
     _print(output(140), result)
     with together():
-        if options.json is not None:
-            write_json(options.json, result)
+        write_json(options.json, result)
         if options.report is not None:
             write_report(options.report, result, cycles, curves)
     for written in (options.report, options.video):
         if written is not None:
             print(f'wrote {written}')
-    return 0
 
 
 def _named_bag(text: str) -> tuple[str, Path]:

@@ -8,9 +8,8 @@ from policy_runner.policies.torchscript import write_torchscript
 from policy_training.learning.run_folder import policy_source
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     folder = learned_folder(policy_source(options.policy))
     contract = write_torchscript(folder, options.output)
     print(f'wrote {options.output} and {contract}')
     print(f'ros2 run policy_runner run --policy {options.output} --trust-code')
-    return 0

@@ -12,7 +12,7 @@ from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, r
 from policy_training.learning.training import make_learner, train
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     changes = _changes(options)
     _check_device(options.device)
     config = TrainingConfig.load(options.config).with_values({} if options.resume else changes)
@@ -31,7 +31,6 @@ def run(options: argparse.Namespace) -> int:
     if not options.resume:
         folder.start(config)
     train(learner, folder, seconds=options.seconds)
-    return 0
 
 
 def _check_device(device: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.by_name import learned_folder
 from policy_runner.policies.folder import read_folder
-from policy_runner.policies.network import Perceptron
+from policy_runner.policies.learned import Perceptron
 from policy_runner.policies.trot import TROTS
 from power_estimator.model import PowerModel
 from rich.console import Console

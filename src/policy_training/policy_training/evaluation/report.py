@@ -10,8 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from wattwalk_core.anymal import JOINT_TYPES
-from wattwalk_core.pages.page import Page, escape
-from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
+from wattwalk_core.pages.page import COLORS, Figure, Page, escape, finished, short
 
 from policy_training.evaluation.gait_cycle import Cycle
 

@@ -7,12 +7,12 @@ from typing import Annotated, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.folder import Contract
-from policy_runner.policies.network import Network
+from policy_runner.policies.learned import Network
 from scipy.stats import binomtest
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
@@ -23,7 +23,7 @@ _PUSHED: Final = 2.0  # s after a push that do not count
 
 
 @dataclass(frozen=True)
-class RobustnessConfig:
+class RobustnessConfig(CheckedFields):
     """Number of robots, duration, plant, and the range of their commands, m/s and rad/s."""
 
     robots: Annotated[int, Quantity(1, 4096)] = 64
@@ -33,9 +33,6 @@ class RobustnessConfig:
     yaw: float = 1.0
     seed: int = 1001
     plant: str = 'anymal_c_published'
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from policy_runner.policies.command_rate import COMMAND_RATE_LIMIT
+from policy_runner.policies.velocity_commands import COMMAND_RATE_LIMIT
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 

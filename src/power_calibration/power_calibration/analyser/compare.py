@@ -14,9 +14,8 @@ from power_calibration.analyser.comparison import (
     powers,
     row_kind,
 )
-from power_calibration.analyser.curve import RATE, Curve, Match, matches
+from power_calibration.analyser.curve import RATE, Curve, Match, MeasuredDrive, matches
 from power_calibration.analyser.log import Log
-from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_calibration.analyser.reference_fit import (
     Clock,
     IntervalEstimate,

@@ -9,9 +9,8 @@ from scipy.stats import t as student
 from wattwalk_core.arrays import Floats
 
 from power_calibration.analyser.bandwidth import Loss, Response
-from power_calibration.analyser.curve import Curve
+from power_calibration.analyser.curve import Curve, MeasuredDrive
 from power_calibration.analyser.log import Log
-from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_calibration.analyser.reference_fit import (
     Clock,
     IntervalEstimate,

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from wattwalk_core.arrays import Floats
-from wattwalk_core.figures import OTHERS, style
-from wattwalk_core.pages.embedded_figure import embedded
+from wattwalk_core.figures import OTHERS, embedded, style
 from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.analyser.comparison import AnalyserComparison

@@ -14,6 +14,7 @@ from wattwalk_core.files import together
 
 from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
+from power_calibration.analyser.curve import MeasuredDrive
 from power_calibration.analyser.figure import (
     COLUMNS,
     calibration_sentences,
@@ -22,11 +23,10 @@ from power_calibration.analyser.figure import (
     write_calibration_page,
 )
 from power_calibration.analyser.log import Log
-from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_recordings import calibration
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Compare, and write the calibration and the outputs asked for; 2 for bad input."""
     check_recordings([options.recording])
     with progress(f'reading {options.recording}') as show:
@@ -43,8 +43,7 @@ def run(options: argparse.Namespace) -> int:
         content = found.json()
         with together():
             _save(options, content, kept, is_applied)
-            if options.json is not None:
-                write_json(options.json, content)
+            write_json(options.json, content)
             if options.report is not None:
                 show(f'drawing {options.report}')
                 _report(options.report, found)
@@ -53,7 +52,6 @@ def run(options: argparse.Namespace) -> int:
         if path is not None:
             print(path)
     print(f'next: ros2 run power_daq daq --ros-args -p calibration:={options.output}')
-    return 0
 
 
 def _kept(onto: Path | None, measured: MeasuredDrive) -> tuple[dict[str, object], bool]:

@@ -19,13 +19,12 @@ from power_calibration.timing.figure import (
 from power_calibration.timing.summary import MATTERS, Summary, summarise
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Measure and report; 2 for bad input."""
     check_recordings([options.recording])
     with progress(f'reading {options.recording}') as show:
         found = summarise(Recording.open(options.recording), options.drives, show)
-        if options.json is not None:
-            write_json(options.json, found.json())
+        write_json(options.json, found.json())
         if options.report is not None:
             show(f'drawing {options.report}')
             _report(options.report, found)
@@ -43,7 +42,6 @@ def run(options: argparse.Namespace) -> int:
         print(f'next: ros2 run power_calibration sync {options.recording} --report sync.html')
     else:
         print(f'next: ros2 run power_estimator train {options.recording} -o runs/first')
-    return 0
 
 
 def _report(path: Path, found: Summary) -> None:

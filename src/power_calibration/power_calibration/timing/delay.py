@@ -9,8 +9,7 @@ from scipy.signal import lfilter, savgol_filter
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 
-from power_calibration.analyser.curve import Curve
-from power_calibration.analyser.measured_drive import MeasuredDrive
+from power_calibration.analyser.curve import Curve, MeasuredDrive
 from power_calibration.analyser.reference_fit import (
     IntervalEstimate,
     blocks_of,

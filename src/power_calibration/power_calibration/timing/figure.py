@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from power_recordings.alignment.filters import SMOOTHING, gain, smoothing
 from wattwalk_core.arrays import Floats
-from wattwalk_core.figures import OTHERS, style
-from wattwalk_core.pages.embedded_figure import embedded
+from wattwalk_core.figures import OTHERS, embedded, style
 from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.timing.delay import SHIFTS, Delay

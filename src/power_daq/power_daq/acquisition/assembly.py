@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from wattwalk_core.arrays import Bools, Floats
 
-from power_daq.bus.frame_group import FrameGroup
+from power_daq.bus.frame import FrameGroup
 from power_daq.clock.mapping import WrappingCounter
 
 _OPEN_SAMPLES = 8

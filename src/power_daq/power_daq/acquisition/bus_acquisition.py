@@ -10,7 +10,7 @@ from enum import Enum
 from queue import Empty, SimpleQueue
 
 import can
-from wattwalk_core.nodes.fault_log import LogTarget
+from wattwalk_core.nodes.diagnostics import LogTarget
 from wattwalk_core.worker import DeviceWorker
 
 from power_daq.acquisition.receiver import Receiver, Sample

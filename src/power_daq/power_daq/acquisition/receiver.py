@@ -13,8 +13,7 @@ from wattwalk_core.arrays import Floats
 from power_daq.acquisition.assembly import Assembled, Assembler
 from power_daq.acquisition.stream_merger import CYCLIC, MergedRow, StreamMerger
 from power_daq.bus.description import DEVICE_ERROR, STALE, BusDescription
-from power_daq.bus.frame import Route
-from power_daq.bus.frame_group import FrameGroup
+from power_daq.bus.frame import FrameGroup, Route
 from power_daq.clock.mapping import ClockMapping, RosTime, Stamper
 
 _STATUS = 2

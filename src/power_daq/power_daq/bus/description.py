@@ -12,8 +12,15 @@ from numpy.typing import ArrayLike
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, quoted
 
-from power_daq.bus.frame import Frame, Route, bind_frame, find_message, head_values, heads
-from power_daq.bus.frame_group import FrameGroup
+from power_daq.bus.frame import (
+    Frame,
+    FrameGroup,
+    Route,
+    bind_frame,
+    find_message,
+    head_values,
+    heads,
+)
 from power_daq.bus.mapping import REQUIRED, BusMapping, load_mapping
 from power_daq.bus.moteus import REGISTERS, MoteusRegisters
 from power_daq.bus.signal_layout import SignalLayout

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.calibration import Calibration
 from wattwalk_core.arrays import Floats
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
-from wattwalk_core.nodes.fault_log import LogTarget
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, LogTarget, Report, faults
 from wattwalk_core.worker import DeviceWorker
 
 from drive_power_msgs.msg import DriveSupply

@@ -13,8 +13,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from wattwalk_core.nodes.diagnostics import Reporter
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes.diagnostics import FaultLog, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
 

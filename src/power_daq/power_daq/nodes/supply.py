@@ -9,8 +9,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
-from wattwalk_core.nodes.diagnostics import Reporter
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes.diagnostics import FaultLog, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
 from wattwalk_core.nodes.services import offer
@@ -19,8 +18,13 @@ from drive_power_msgs.msg import DriveSupply
 from power_daq.supply.answers import Reading
 from power_daq.supply.battery import BatteryPublisher
 from power_daq.supply.energy_counters import EnergyCounter, PowerBalance
-from power_daq.supply.instrument import Instrument, InstrumentSettings
-from power_daq.supply.output import LARGEST_CURRENT, LARGEST_VOLTAGE, OutputRequest
+from power_daq.supply.instrument import (
+    LARGEST_CURRENT,
+    LARGEST_VOLTAGE,
+    Instrument,
+    InstrumentSettings,
+    OutputRequest,
+)
 from power_daq.supply.poller import Poller, SupplyHealth
 
 _PERIOD = 1.0

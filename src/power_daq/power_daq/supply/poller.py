@@ -5,8 +5,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
-from wattwalk_core.nodes.fault_log import LogTarget
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, LogTarget, Report, faults
 from wattwalk_core.worker import DeviceWorker
 
 from power_daq.clock.mapping import RosTime, Slots

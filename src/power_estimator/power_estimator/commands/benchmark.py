@@ -7,10 +7,10 @@ from wattwalk_core.console import progress, write_json
 from wattwalk_core.files import together
 
 from power_estimator.evaluation import benchmark, figure
-from power_estimator.evaluation.tables import print_scores
+from power_estimator.evaluation.benchmark import print_scores
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings(options.bags)
     with progress('reading, aligning and estimating'):
         found = benchmark.run(
@@ -19,12 +19,10 @@ def run(options: argparse.Namespace) -> int:
     title = f'{found.extent} held out ({"; ".join(found.held_out)})'
     print_scores(found.table, title)
     with together():
-        if options.json:
-            write_json(options.json, found.table)
+        write_json(options.json, found.table)
         if options.picture:
             bars = options.picture.with_stem(options.picture.stem + '_r2')
             figure.draw_traces(options.picture, found.traces, dark=options.dark)
             figure.draw_bars(bars, found.table, title=title, dark=options.dark)
     if options.picture:
         print(f'pictures: {options.picture}, {bars}')
-    return 0

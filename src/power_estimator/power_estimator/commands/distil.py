@@ -11,8 +11,8 @@ from wattwalk_core.console import output, print_table
 from wattwalk_core.engine.options import Workplace
 
 from power_estimator import recordings
+from power_estimator.evaluation.benchmark import table
 from power_estimator.evaluation.cost import policy_step_cost
-from power_estimator.evaluation.tables import table
 from power_estimator.judge.recordings import load
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.training.distillation import (
@@ -27,7 +27,7 @@ from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.trainer_config import TrainerConfig
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     place = Workplace.of(options)
     check_recordings(options.bags)
     progress = Console(stderr=True)
@@ -78,7 +78,6 @@ def run(options: argparse.Namespace) -> int:
         f'ros2 run power_estimator benchmark {shlex.quote(str(options.bags[0]))} --models '
         f'{shlex.quote(f"ppn:{options.teacher}")} {shlex.quote(f"ppn:{options.output}")}'
     )
-    return 0
 
 
 def _print(

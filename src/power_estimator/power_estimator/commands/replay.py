@@ -16,7 +16,7 @@ from power_estimator.live.replay import estimates, messages
 from power_estimator.loader import load_model
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings([options.bag])
     console = Console(stderr=True)
     model = load_model(options.model)
@@ -44,4 +44,3 @@ def run(options: argparse.Namespace) -> int:
     print(f'{len(made)} estimates of {len(drives)} drives, {mean}')
     print('both at once, where ROS 2 is installed:')
     print(f'  ros2 bag play {options.bag} & ros2 bag play {options.output}')
-    return 0

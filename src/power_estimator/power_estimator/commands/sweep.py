@@ -23,7 +23,7 @@ from power_estimator.training.trainer_config import TrainerConfig
 PICTURE = 'sweep.png'
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     place = Workplace.of(options)
     check_recordings(options.bags)
     progress = Console(stderr=True)
@@ -65,7 +65,6 @@ def run(options: argparse.Namespace) -> int:
     folder.finish()
     _print(results)
     print(f'picture: {options.output / PICTURE}; table: {options.output / TABLE}')
-    return 0
 
 
 def _print(results: Sequence[Result]) -> None:

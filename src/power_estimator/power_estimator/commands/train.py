@@ -14,7 +14,7 @@ from power_estimator import recordings
 from power_estimator.commands.options import engine_of
 from power_estimator.drive_types import infer_types, parse_types
 from power_estimator.evaluation import figure
-from power_estimator.evaluation.tables import print_scores, table
+from power_estimator.evaluation.benchmark import print_scores, table
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import NetworkConfig
@@ -30,7 +30,7 @@ TRACES = 'traces.png'
 BARS = 'r2.png'
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     place = Workplace.of(options)
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
@@ -94,7 +94,6 @@ def run(options: argparse.Namespace) -> int:
         folder.finish(trainers)
     print_scores(result, title)
     _next(options.output, options.bags)
-    return 0
 
 
 def _next(run: Path, bags: Sequence[Path]) -> None:

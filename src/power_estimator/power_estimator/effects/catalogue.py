@@ -22,7 +22,6 @@ from power_estimator.effects.library import (
     iron_and_inverter,
     mechanics,
     sensors,
-    torque_constant,
     winding,
 )
 from power_estimator.effects.signals.state import Signals
@@ -32,9 +31,9 @@ _BUILTIN = (
     mechanics.SHAFT,
     winding.COPPER_LOSS,
     winding.WINDING_HEATING,
-    torque_constant.SATURATION,
-    torque_constant.MOTOR_SATURATION,
-    torque_constant.MAGNET_HEATING,
+    winding.SATURATION,
+    winding.MOTOR_SATURATION,
+    winding.MAGNET_HEATING,
     friction.VISCOUS_FRICTION,
     friction.COULOMB_FRICTION,
     friction.STRIBECK_FRICTION,

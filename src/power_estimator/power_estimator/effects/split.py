@@ -37,10 +37,6 @@ class Split:
             {key: values[:, place] for key, values in self.slopes.items()},
         )
 
-    def total(self) -> Floats:
-        """Power of the model, W [T, D]."""
-        return np.asarray(sum(self.parts.values()))
-
 
 def split(
     structure: Structure,

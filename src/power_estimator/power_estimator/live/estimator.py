@@ -11,7 +11,7 @@ import numpy as np
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.state import Carried
@@ -235,15 +235,12 @@ class Status(IntEnum):
 
 
 @dataclass(frozen=True)
-class LiveConfig:
+class LiveConfig(CheckedFields):
     """Timing of the live estimate."""
 
     period: Annotated[float, Quantity(0.005, 1.0, 's')] = 0.02  # between estimates
     command_timeout: Annotated[float, Quantity(0.01, 60.0, 's')] = 0.2  # until input is stale
     margin: Annotated[float, Quantity(0.0, 10.0)] = 0.05  # of a feature's range, outside of it
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,15 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from wattwalk_core.errors import InputError
-from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes.diagnostics import FaultLog, Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
-from power_estimator.live.change_watch import WatchConfig
+from power_estimator.live.change_watch import WatchConfig, WatchReference
 from power_estimator.live.estimator import Estimate, LiveConfig
 from power_estimator.live.score import measured_power
-from power_estimator.live.sequential_test import WatchReference
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.loader import load_model
 

@@ -10,10 +10,9 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign
 from power_estimator.live.budget import LiveBudget
-from power_estimator.live.change_watch import ChangeWatch, Shift, WatchConfig
+from power_estimator.live.change_watch import ChangeWatch, ReferenceNoise, Shift, WatchConfig
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator, Status
 from power_estimator.live.score import LiveScore
-from power_estimator.live.sequential_test import ReferenceNoise
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 

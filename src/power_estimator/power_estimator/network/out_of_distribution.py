@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities, schema
+from wattwalk_core.schema import CheckedFields, Quantity, schema
 
 from power_estimator.network.features import FEATURES
 
@@ -18,7 +18,7 @@ _Number = Annotated[float, Quantity(-1e18, 1e18)]
 
 
 @schema
-class OutOfDistributionScore:
+class OutOfDistributionScore(CheckedFields):
     """Mahalanobis distance of an estimate's block of samples from those of the training data.
 
     It is of the mean of position error, torque and speed over the block and of their change within
@@ -31,7 +31,7 @@ class OutOfDistributionScore:
     limit: Annotated[float, Quantity(1e-30, 1e30)]  # of the distance's square
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         sizes = [len(self.mean), len(self.inverse), *(len(row) for row in self.inverse)]
         if sizes != [SIZE] * (SIZE + 2):
             raise InputError(f'mean and inverse are not {SIZE} and {SIZE} × {SIZE} numbers')

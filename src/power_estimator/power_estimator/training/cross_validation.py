@@ -23,12 +23,12 @@ from power_estimator.loader import PLAIN, load_model
 from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import (
     Checkpoint,
+    Intervals,
     Network,
     NetworkConfig,
     TrainingRecording,
 )
 from power_estimator.network.features import features
-from power_estimator.network.intervals import Intervals
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES

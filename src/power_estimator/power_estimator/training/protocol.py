@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 TENTHS = 10
 
@@ -25,7 +25,7 @@ class Part(IntEnum):
 
 
 @dataclass(frozen=True)
-class Protocol:
+class Protocol(CheckedFields):
     """Split of the measured samples (Section II-A).
 
     The samples are cut into `segments` equal stretches and each of them into ten parts: eight
@@ -38,9 +38,6 @@ class Protocol:
     segments: Annotated[int, Quantity(1, 60)] = 6
     folds: Annotated[int, Quantity(1, TENTHS)] = 6
     margin: Annotated[int, Quantity(0, 10_000, 'samples')] = 60  # the history of the network
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def minimum(self) -> int:
         """Return the least number of samples for parts of sufficient length."""

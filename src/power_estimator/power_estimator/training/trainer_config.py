@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 
 @dataclass(frozen=True)
-class TrainerConfig:
+class TrainerConfig(CheckedFields):
     """Settings of the training; the defaults were chosen on walking data (docs/how-to/ppn.md)."""
 
     epochs: Annotated[int, Quantity(1, 10_000)] = 20
@@ -20,6 +20,3 @@ class TrainerConfig:
     patience: Annotated[int, Quantity(1, 10_000)] = 8  # epochs without a better validation
     gradient_norm: Annotated[float, Quantity(1e-6, 1e6)] = 1.0
     seed: Annotated[int, Quantity(0, 2**31 - 1)] = 0
-
-    def __post_init__(self) -> None:
-        check_quantities(self)

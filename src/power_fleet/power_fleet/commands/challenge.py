@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 from power_fleet.fleet_challenge import draw_fleet, record_fleet
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     challenge = draw_fleet(options.seed, options.recordings, options.duration, DRIVES)
     with TaskEngine(Workplace.of(options)) as engine:
         for number, bag in enumerate(record_fleet(challenge, options.output, engine), 1):
@@ -24,10 +24,9 @@ def run(options: argparse.Namespace) -> int:
     print(f'  ros2 run power_lab fit {first} --effects {known} -o base.yaml')
     print(f'  ros2 run power_fleet track {bags}/robot_* --model base.yaml')
     print(f'  ros2 run power_fleet reveal {bags}')
-    return 0
 
 
-def reveal(options: argparse.Namespace) -> int:
+def reveal(options: argparse.Namespace) -> None:
     answer = unseal(options.folder)
     if not answer.get('fleet'):
         raise InputError(
@@ -40,6 +39,4 @@ def reveal(options: argparse.Namespace) -> int:
         )
     if not answer['hidden']:
         print('hidden: nothing; only weather, gaits and payloads differ')
-    if options.json:
-        write_json(options.json, answer)
-    return 0
+    write_json(options.json, answer)

@@ -14,12 +14,12 @@ from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.files import together
 
 from power_fleet.report.page import print_tracked, write_tracked
-from power_fleet.track.kept_fit import key_of
 from power_fleet.track.outcome import model_of, track
 from power_fleet.track.reading import Request
+from power_fleet.track.recording_fit import key_of
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings([path for path in options.bags if not path.exists()])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
@@ -33,11 +33,9 @@ def run(options: argparse.Namespace) -> int:
         content = found.json()
     print_tracked(common.console(), found)
     with together():
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.report:
             write_tracked(options.report, found)
     if options.report:
         print(f'report: {options.report}')
     print(f'next: {found.next_command(options.model)}')
-    return 0

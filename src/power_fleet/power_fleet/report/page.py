@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.markup import escape as plain
 from rich.table import Table
 from wattwalk_core.errors import printable
-from wattwalk_core.pages.page import Page, escape
-from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
+from wattwalk_core.pages.page import COLORS, Figure, Page, escape, finished, short
 
 from power_fleet.track.change_test import Change
 from power_fleet.track.outcome import Tracked

@@ -9,6 +9,7 @@ from typing import Any
 
 from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
+from power_lab.diagnose.findings import short
 from power_recordings.index.store import RecordingIndex
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError, printable
@@ -201,7 +202,7 @@ class Tracked:
             'false_alarm_rate': FALSE_ALARMS,
             'covariates': {own.drive: list(own.names) for own in self.histories},
             'in_common': {
-                name: {'value': _short(own.value), 'spread': _short(own.spread)}
+                name: {'value': short(own.value), 'spread': short(own.spread)}
                 for (name, term), own in self.common.items()
                 if term == 0
             },
@@ -223,8 +224,8 @@ class Tracked:
                 {
                     'recording': recording,
                     'time': float(time),
-                    'value': _short(float(value)),
-                    'interval': [_short(float(value - error)), _short(float(value + error))],
+                    'value': short(float(value)),
+                    'interval': [short(float(value - error)), short(float(value + error))],
                 }
                 for recording, time, value, error in zip(
                     history.recordings, history.time, values, errors, strict=True
@@ -247,9 +248,9 @@ class Tracked:
             return {
                 'verdict': 'steady',
                 'at': None,
-                'from': _short(level),
-                'to': _short(level),
-                'interval': [_short(level - _WIDTH * error), _short(level + _WIDTH * error)],
+                'from': short(level),
+                'to': short(level),
+                'interval': [short(level - _WIDTH * error), short(level + _WIDTH * error)],
                 'certainty': round(min(certainty, 1.0 - FALSE_ALARMS), 4),
             }
         finding = own[0]
@@ -261,9 +262,9 @@ class Tracked:
             'verdict': 'step' if change.profile.step else 'drift',
             'at': _at(history, change),
             'until': history.recordings[change.profile.end],
-            'from': _short(begin),
-            'to': _short(end),
-            'interval': [_short(end - error), _short(end + error)],
+            'from': short(begin),
+            'to': short(end),
+            'interval': [short(end - error), short(end + error)],
             'certainty': round(finding.certainty, 4),
             'percent': None if percent is None else round(percent, 2),
             'watts': round(self.watts(drive, change), 4),
@@ -365,7 +366,3 @@ def _day(history: DriveHistory, change: Change) -> str:
 
 def _name(hypothesis: str) -> str:
     return hypothesis.replace('_', ' ')
-
-
-def _short(value: float) -> float:
-    return float(f'{value:.5g}')

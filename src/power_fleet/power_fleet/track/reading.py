@@ -25,8 +25,17 @@ from power_recordings.reading.reader import Recording
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
-from power_fleet.track.kept_fit import CODE, KIND, Unfit, figures_of, from_bytes, to_bytes
-from power_fleet.track.recording_fit import Occasion, RecordingFit, fit_recording
+from power_fleet.track.recording_fit import (
+    CODE,
+    KIND,
+    Occasion,
+    RecordingFit,
+    Unfit,
+    figures_of,
+    fit_recording,
+    from_bytes,
+    to_bytes,
+)
 
 _WORDS = ('controller', 'terrain')  # of a card, that say how a robot moved
 

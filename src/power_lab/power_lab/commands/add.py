@@ -17,7 +17,7 @@ from power_lab.report.tables import print_model
 from power_lab.session import Session
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings(options.bag)
     catalogue = load_catalogue(options.effects_path)
     model = read_model(options.to, catalogue)
@@ -37,12 +37,10 @@ def run(options: argparse.Namespace) -> int:
     }
     with together():
         lab.save(options.output)
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
     print_model(common.console(), better)
     _print_staircase(better)
     print(f'wrote {options.output}')
-    return 0
 
 
 def _print_staircase(model: EffectModel) -> None:

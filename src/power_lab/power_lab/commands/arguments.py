@@ -49,6 +49,12 @@ def add_reading(made: ArgumentParser) -> None:
     add_doubts(made)
 
 
+def add_output(made: ArgumentParser, name: str, what: str = 'file to write') -> None:
+    """The file that a command writes, with the ending of its name in the help."""
+    kind = ending('-o', Path(name).suffix)
+    made.add_argument('-o', '--output', type=kind, required=True, metavar=name, help=what)
+
+
 def add_outputs(made: ArgumentParser, *, report: bool = True) -> None:
     """Arguments for files of results."""
     made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
@@ -74,14 +80,7 @@ def add(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
     add_reading(parser)
-    add(
-        '-o',
-        '--output',
-        type=ending('-o', '.yaml'),
-        required=True,
-        metavar='MODEL.yaml',
-        help='file to write',
-    )
+    add_output(parser, 'MODEL.yaml')
     add('--per', choices=('type', 'drive'), help='who shares coefficients; as in the model')
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser, report=False)
@@ -222,14 +221,7 @@ def discover(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_bags(parser)
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
-    add(
-        '-o',
-        '--output',
-        type=ending('-o', '.py'),
-        required=True,
-        metavar='FILE.py',
-        help='effects to write',
-    )
+    add_output(parser, 'FILE.py', 'effects to write')
     add(
         '--test',
         nargs='+',
@@ -288,14 +280,7 @@ def fit(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_bags(parser)
     add = parser.add_argument
     add('--effects', nargs='+', required=True, metavar='NAME,…', help='what is active')
-    add(
-        '-o',
-        '--output',
-        type=ending('-o', '.yaml'),
-        required=True,
-        metavar='MODEL.yaml',
-        help='file to write',
-    )
+    add_output(parser, 'MODEL.yaml')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
     add(
@@ -323,13 +308,6 @@ def to_plant(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('model', type=Path, metavar='MODEL.yaml', help='fitted model')
     add('--plant', default='anymal_c', metavar='FILE', help='plant to start from')
-    add(
-        '-o',
-        '--output',
-        type=ending('-o', '.yaml'),
-        required=True,
-        metavar='PLANT.yaml',
-        help='file to write',
-    )
+    add_output(parser, 'PLANT.yaml')
     add_outputs(parser, report=False)
     return parser.parse_args(args)

@@ -10,7 +10,7 @@ from power_lab.commands import options as common
 from power_lab.compare.notes import notes
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     changes = parse_changes(options.change)
     models = [] if options.model is None else [options.model]
     with common.opened(options, models) as (lab, show):
@@ -22,10 +22,9 @@ def run(options: argparse.Namespace) -> int:
     for note in notes(lab.judge.prepared):
         print(note)
     with together():
-        if options.json is not None:
-            write_json(options.json, found.json())
+        write_json(options.json, found.json())
         if options.figures is not None:
-            from power_lab.report.budget_figures import write_figures  # matplotlib: 0.5 s, 20 MB
+            from power_lab.report.budget_page import write_figures  # matplotlib: 0.5 s, 20 MB
 
             write_figures(options.figures, found)
         if options.report is not None:
@@ -34,4 +33,3 @@ def run(options: argparse.Namespace) -> int:
             write_budget(options.report, found)
     for path in filter(None, (options.report, options.figures)):
         print(f'wrote {path}')
-    return 0

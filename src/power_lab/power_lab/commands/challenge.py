@@ -13,7 +13,7 @@ from power_lab.structure.words import in_words
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     from sim_bridge.offline.run import run_offline  # a bus, which analyses do without
 
     challenge = draw(options.seed)
@@ -29,21 +29,19 @@ def run(options: argparse.Namespace) -> int:
     )
     seal(challenge, options.output)
     bag, known = options.output, ','.join(challenge.known)
-    if options.json:
-        write_json(options.json, {'known': list(challenge.known)})
+    write_json(options.json, {'known': list(challenge.known)})
     if options.walk:
         print(f'{bag}: the same robot walks again; judge models on it that never saw it:')
         print(f'  ros2 run power_lab compare {bag} --models base.yaml better.yaml')
-        return 0
+        return
     print(f'{bag}: something may be hidden in its drives. What the model may know:')
     print(f'  ros2 run power_lab fit {bag} --effects {known} -o base.yaml')
     print('Then find what it misses, and see whether you are right:')
     print(f'  ros2 run power_lab diagnose {bag} --model base.yaml --json why.json')
     print(f'  ros2 run power_lab reveal {bag} --diagnosis why.json')
-    return 0
 
 
-def reveal(options: argparse.Namespace) -> int:
+def reveal(options: argparse.Namespace) -> None:
     answer = unseal(options.bag)
     if answer.get('fleet'):
         raise InputError(
@@ -61,6 +59,4 @@ def reveal(options: argparse.Namespace) -> int:
             raise InputError(f'{options.diagnosis}: not what diagnose --json writes')
         answer['score'] = score(answer, found)
         print(f'the diagnosis ({found["verdict"]}) is {answer["score"]}')
-    if options.json:
-        write_json(options.json, answer)
-    return 0
+    write_json(options.json, answer)

@@ -10,7 +10,7 @@ from power_lab.report.page import closest, write_comparison
 from power_lab.report.tables import print_comparison
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     with common.opened(options, options.models) as (lab, show):
         show('comparing')
         comparison = lab.compare(*options.models)
@@ -18,10 +18,8 @@ def run(options: argparse.Namespace) -> int:
     print_comparison(common.console(), content)
     print(closest(content['models']))
     with together():
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.report:
             write_comparison(options.report, comparison)
     if options.report:
         print(f'report: {options.report}')
-    return 0

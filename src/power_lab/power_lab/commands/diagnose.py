@@ -9,12 +9,11 @@ from wattwalk_core.console import write_json
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
-from power_lab.report.balance import balance_lines, power_balances
 from power_lab.report.page import write_diagnosis
-from power_lab.report.tables import print_outcome
+from power_lab.report.tables import balance_lines, power_balances, print_outcome
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     with common.opened(options, [options.model, *options.also]) as (lab, show):
         show('diagnosing')
         outcome = lab.load(options.model).diagnose(options.seed, show)
@@ -23,8 +22,7 @@ def run(options: argparse.Namespace) -> int:
         print(line)
     print_outcome(common.console(), outcome)
     with together():
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.motion:
             motion = outcome.motion
             if options.limits is not None:
@@ -48,4 +46,3 @@ def run(options: argparse.Namespace) -> int:
     else:
         asked = ('--model', options.model, '--motion', common.unused('next.yaml'))
         print(common.next_command('diagnose', options, *asked))
-    return 0

@@ -11,11 +11,11 @@ from wattwalk_core.files import together, write_whole
 from power_lab.commands import options as common
 from power_lab.discover.outcome import split
 from power_lab.report.discovery_page import write_discovery
-from power_lab.report.discovery_tables import print_discovery
+from power_lab.report.tables import print_discovery
 from power_lab.session import Session
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings([*options.bags, *options.test])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
@@ -29,8 +29,7 @@ def run(options: argparse.Namespace) -> int:
     with together():
         if outcome.written:
             write_whole(options.output, outcome.source())
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
         if options.report:
             write_discovery(options.report, outcome)
     names = [one.name for one in outcome.discovery.named]
@@ -47,4 +46,3 @@ def run(options: argparse.Namespace) -> int:
     print(told)
     if options.report:
         print(f'report: {options.report}')
-    return 0

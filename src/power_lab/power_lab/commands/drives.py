@@ -8,12 +8,11 @@ from rich.table import Table
 from wattwalk_core.console import write_json
 
 from power_lab.commands import options as common
-from power_lab.drives.export import exported
-from power_lab.drives.library import LibraryDrive, load_drive, names
+from power_lab.drives.library import LibraryDrive, exported, load_drive, names
 from power_lab.report.tables import print_model
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     found = [load_drive(name) for name in ([options.name] if options.name else names())]
     if options.json is not None:
         content = [
@@ -27,7 +26,6 @@ def run(options: argparse.Namespace) -> int:
         _show(found[0])
     else:
         _list(found)
-    return 0
 
 
 def _list(drives: list[LibraryDrive]) -> None:

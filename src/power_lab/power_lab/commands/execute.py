@@ -8,7 +8,7 @@ from sim_bridge.plant.parameters import Plant
 from power_lab.challenge.bench_recording import record_motion
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     plant = Plant.load(options.plant)
     MotionFile.load(options.motion)
     drive, seconds = record_motion(
@@ -23,4 +23,3 @@ def run(options: argparse.Namespace) -> int:
         progress=True,
     )
     print(f'wrote {options.output}: {seconds:.0f} s of {drive}')
-    return 0

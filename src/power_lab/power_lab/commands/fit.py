@@ -14,12 +14,11 @@ from power_lab.compare.both_sides import both_sides
 from power_lab.compare.fitting import named_effects
 from power_lab.compare.notes import notes
 from power_lab.drives.library import load_drive
-from power_lab.report.balance import balance_lines, balances_json, power_balances
-from power_lab.report.tables import print_model
+from power_lab.report.tables import balance_lines, balances_json, power_balances, print_model
 from power_lab.session import Session
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     check_recordings(options.bags)
     catalogue = load_catalogue(options.effects_path)
     effects = named_effects(options.effects, catalogue)
@@ -56,8 +55,7 @@ def run(options: argparse.Namespace) -> int:
     }
     with together():
         lab.save(options.output)
-        if options.json is not None:
-            write_json(options.json, content)
+        write_json(options.json, content)
     for line in balance_lines(loaded.data, balances):
         print(line)
     print_model(common.console(), model)
@@ -68,4 +66,3 @@ def run(options: argparse.Namespace) -> int:
     errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())
     print(f'wrote {options.output}; held-out error: {errors}')
     print(common.next_command('diagnose', options, '--model', options.output))
-    return 0

@@ -11,14 +11,12 @@ from wattwalk_core.files import together
 from power_lab.challenge.plant_export import to_plant
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     model = read_model(options.model, load_catalogue(options.effects_path))
     plant, strengths = to_plant(model, Plant.load(options.plant))
     with together():
         plant.save(options.output)
-        if options.json is not None:
-            write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
+        write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
     for name, value in strengths.items():
         print(f'{name:24} {value:.3g} times that of {options.plant}')
     print(f'wrote {options.output}')
-    return 0

@@ -16,18 +16,31 @@ from wattwalk_core.errors import printable
 
 from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined
-from power_lab.discover.found import Discovery, Finalist, Found, Values, interval_of, load_effect
+from power_lab.discover.found import (
+    Discovery,
+    Finalist,
+    Found,
+    Values,
+    interval_of,
+    load_effect,
+    without_superseded,
+)
 from power_lab.discover.known import MOST_NAMED, Named, named_instead, same_term
-from power_lab.discover.search import Expression, express
-from power_lab.discover.selection import CLOSE, Option, handicap, options, without_known
-from power_lab.discover.superseded import without_superseded
+from power_lab.discover.selection import (
+    CLOSE,
+    Expression,
+    Option,
+    express,
+    handicap,
+    options,
+    without_known,
+)
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 from power_lab.structure.drivers import driver_values, families
 from power_lab.structure.floors import above_floor, floors, unseen
 from power_lab.structure.in_time import InTime, course_effect, in_time
-from power_lab.structure.problem import DriveProblem, problems
 from power_lab.structure.screening import DriverGain, DriverScreen, chance, promising
-from power_lab.structure.shapes import LearnedShape, learn
+from power_lab.structure.shapes import DriveProblem, LearnedShape, learn, problems
 from power_lab.structure.words import in_words
 
 MOST_EFFECTS = 3

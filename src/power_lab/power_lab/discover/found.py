@@ -1,13 +1,13 @@
 """Parts of a discovery: effects, finalists, bounds and the check of a file."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from power_estimator.effects import Effect, load_catalogue
-from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.judge.evidence import Evidence
 from wattwalk_core.arrays import Floats
 
@@ -15,6 +15,7 @@ from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula
 from power_lab.discover.known import Named
 from power_lab.discover.selection import Option
+from power_lab.structure.floors import above_floor
 from power_lab.structure.in_time import InTime
 from power_lab.structure.shapes import LearnedShape
 
@@ -162,3 +163,46 @@ def load_effect(written: Written) -> Effect:
         path = Path(folder) / 'effect.py'
         path.write_text(effect_source([written], ()), encoding='utf-8')
         return load_catalogue([path])[written.name]
+
+
+Examined = Callable[[Structure, Evidence], Evidence]
+
+
+def without_superseded(
+    found: Sequence[Found], best: Evidence, structure: Structure, examined: Examined, floor: Floats
+) -> tuple[list[Found], Evidence]:
+    """Effects that the model needs beside each other, the largest first, and the fit with them.
+
+    A course in time may stand for a cause that is found after it, a square for an excess over a
+    limit. best: the fit with all of them; structure: of that; floor: W [D].
+    """
+    kept = list(found)
+    for one in found:
+        if len(kept) < 2:
+            break
+        less = structure.without(one.name)
+        trial = examined(less, best)
+        if not above_floor(trial.mean_mse - best.mean_mse, floor):
+            structure, best = less, trial
+            kept.remove(one)
+    if len(kept) < len(found):
+        kept = _judged_anew(kept, best, structure, examined)
+    return sorted(kept, key=lambda one: -float(one.gain.sum())), best
+
+
+def _judged_anew(
+    kept: Sequence[Found], best: Evidence, structure: Structure, examined: Examined
+) -> list[Found]:
+    """The effects with what each explains on top of those before it."""
+    for one in kept:
+        structure = structure.without(one.name)
+    before, out = examined(structure, best), []
+    for one in kept:
+        assert one.effect is not None
+        structure = structure.plus(Active.of(one.effect))
+        after = examined(structure, before)
+        gain, drives = np.zeros(len(one.gain)), list(one.drives)
+        gain[drives] = (before.mean_mse - after.mean_mse)[drives]
+        out.append(replace(one, gain=gain, interval=interval_of(before, after, drives, 0)))
+        before = after
+    return out

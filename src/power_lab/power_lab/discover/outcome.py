@@ -6,22 +6,128 @@ from typing import Any
 
 import numpy as np
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.training import LEAST_SECONDS, Material
+from power_estimator.effects.training import LEAST_SECONDS, Material, fit_model
+from power_estimator.judge.held_out import fitted_base
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
+from power_estimator.loader import on_base
 from power_estimator.model import PowerModel
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
+from power_lab.diagnose.findings import short
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds
 from power_lab.discover.selection import KEEPS
-from power_lab.discover.transfer import OtherRecording, Transfer
 from power_lab.structure.words import in_words
+
+_BOOTSTRAPS = 400
+_LEAST_FALL = 0.05  # of the squared error, to be borne out
+_LEAST_SHOWN = 0.15  # of what it explains in its own recording, for the other to tell
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Errors on another recording without and with the effect, W by drive."""
+
+    drives: tuple[str, ...]
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    transfers: bool | None  # None where the other recording does not show it
+    reason: str
+    time: Floats  # s [N]
+    measured: Floats  # W [N, d]
+    residuals: tuple[Floats, Floats]  # W [N, d], without and with it
+
+
+class OtherRecording:
+    """Another recording of the robot, on which models fitted to the first are judged."""
+
+    def __init__(
+        self,
+        judge: Judge,
+        own: Material,
+        learned_on: Loaded,
+        base: str | None,
+    ) -> None:
+        """judge: of the other recording. own: what was learned on, on a base model or none."""
+        self.judge = judge
+        self.prepared = judge.prepared
+        self.blocks = Blocks.of(judge.prepared, judge.settings.fit)
+        self._under = None if base is None else fitted_base(learned_on, base)
+        self._own, self._base, self._known = own, base, learned_on.identities
+
+    def score(self, effects: Sequence[Active]) -> JudgedModel:
+        """Fit effects to the first recording, and judge them on this one."""
+        model, _ = fit_model(
+            'trial',
+            self._own,
+            effects,
+            self.judge.catalogue,
+            base=self._base,
+            fitted_on=self._known,
+        )
+        return self.judge.score(on_base(model, self._under))
+
+    def transfer(
+        self, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
+    ) -> Transfer:
+        """Say whether what the effect explains is borne out on the named drives."""
+        shared = [name for name in drives if name in self.prepared.names]
+        columns = [self.prepared.names.index(name) for name in shared]
+        errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
+        parts = (before.residual[:, columns], after.residual[:, columns])
+        verdict, reason = self._verdict(parts, before, after, columns, explains)
+        return Transfer(
+            tuple(shared),
+            errors[0],
+            errors[1],
+            verdict,
+            reason,
+            self.prepared.time,
+            before.measured[:, columns],
+            parts,
+        )
+
+    def _verdict(
+        self,
+        parts: tuple[Floats, Floats],
+        before: JudgedModel,
+        after: JudgedModel,
+        columns: list[int],
+        explains: float,
+    ) -> tuple[bool | None, str]:
+        if not columns:
+            return None, 'the other recording has none of its drives'
+        moved = np.nanstd((after.estimated - before.estimated)[:, columns])
+        if moved < _LEAST_SHOWN * explains:
+            return None, f'the other recording hardly shows it ({moved:.2f} W)'
+        rows = self.blocks.rows
+        fall = np.square(parts[0]) - np.square(parts[1])
+        by_block = np.nanmean(fall[rows].reshape(len(rows), -1), axis=1)
+        by_block = by_block[np.isfinite(by_block)]
+        random = np.random.default_rng(0)
+        size = min(5, len(by_block))
+        starts = random.integers(
+            0, len(by_block) - size + 1, (_BOOTSTRAPS, -(-len(by_block) // size))
+        )
+        drawn = by_block[(starts[..., None] + np.arange(size)).reshape(_BOOTSTRAPS, -1)].mean(
+            axis=1
+        )
+        whole = float(np.nanmean(np.square(parts[0])))
+        share = float(by_block.mean()) / max(whole, 1e-12)
+        if float(np.quantile(drawn, 0.025)) > 0.0 and share >= _LEAST_FALL:
+            return True, f'it takes {share:.0%} off the squared error of the other recording'
+        return False, (
+            f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
+        )
+
 
 Show = Callable[[str], None]
 
@@ -105,13 +211,13 @@ class DiscoveryOutcome:
                 {
                     'name': one.name,
                     'drives': [names[drive] for drive in one.drives],
-                    'explains_w': _short(one.explains),
+                    'explains_w': short(one.explains),
                 }
                 for one in d.named
             ],
             'sentence': self.sentence,
             'nothing': None if d.found else d.nothing,
-            'chance': _short(d.chance),
+            'chance': short(d.chance),
             'model': self.model.name,
             'recordings': [entry['name'] for entry in self.loaded.identities],
             'tested_on': list(self.tested_on),
@@ -119,7 +225,7 @@ class DiscoveryOutcome:
                 name: {
                     'rmse_w': self.before.drives[name].json()['rmse_w'],
                     'rmse_after_w': self.after.drives[name].json()['rmse_w'],
-                    'floor_w': _short(float(d.floor[i])),
+                    'floor_w': short(float(d.floor[i])),
                     'sensor_noise_w': _finite(float(self.own.prepared.noise[i])),
                 }
                 for i, name in enumerate(names)
@@ -134,15 +240,15 @@ class DiscoveryOutcome:
             'drives': [names[d] for d in one.drives],
             'formula': _course_text(one) if one.formula is None else one.formula.text(),
             'bounds': {},
-            'explains_w': _short(one.explains),
-            'interval': [_short(bound) for bound in one.interval],
+            'explains_w': short(one.explains),
+            'interval': [short(bound) for bound in one.interval],
             'transfers': None if transfer is None else transfer.transfers,
             'sentence': self.told(one, transfer),
             'in_file': one.written is not None,
         }
         if one.course is not None:
             period = one.course.shape.period
-            content['period_s'] = _short(period) if period else None
+            content['period_s'] = short(period) if period else None
         if one.formula is None or one.written is None:
             return content
         content |= {
@@ -153,25 +259,25 @@ class DiscoveryOutcome:
             'formulas': {names[d]: one.formula.text(d) for d in one.formula.places},
             'unit': one.formula.unit,
             'coefficients': {
-                names[d]: [_short(v) for v in values]
+                names[d]: [short(v) for v in values]
                 for d, values in (one.coefficients or {}).items()
             },
             'intervals': {
-                names[d]: [[_short(a), _short(b)] for a, b in values]
+                names[d]: [[short(a), short(b)] for a, b in values]
                 for d, values in (one.coefficient_intervals or {}).items()
             },
-            'keeps': _short(one.kept),
+            'keeps': short(one.kept),
             'near': list(one.written.near),
             'excitation': dict(one.written.excitation),
-            'rivals': [{'formula': text, 'leaves_w': _short(watts)} for text, watts in one.rivals],
+            'rivals': [{'formula': text, 'leaves_w': short(watts)} for text, watts in one.rivals],
         }
         if transfer is not None:
             content['other_recording'] = {
                 'rmse_before_w': dict(
-                    zip(transfer.drives, map(_short, transfer.before), strict=True)
+                    zip(transfer.drives, map(short, transfer.before), strict=True)
                 ),
                 'rmse_after_w': dict(
-                    zip(transfer.drives, map(_short, transfer.after), strict=True)
+                    zip(transfer.drives, map(short, transfer.after), strict=True)
                 ),
                 'reason': transfer.reason,
             }
@@ -265,9 +371,5 @@ def split(bags: Sequence[Any], test: Sequence[Any]) -> tuple[list[Any], list[Any
     return list(bags[:-1]), list(bags[-1:])
 
 
-def _short(value: float) -> float:
-    return float(f'{value:.5g}')
-
-
 def _finite(value: float) -> float | None:
-    return _short(value) if np.isfinite(value) else None
+    return short(value) if np.isfinite(value) else None

@@ -1,17 +1,25 @@
 """The page of a budget."""
 
 import io
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any, Final
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from wattwalk_core.figures import style
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path as Outline
+from power_estimator.effects.signals.prepared import WHOLE
+from wattwalk_core.arrays import Floats
+from wattwalk_core.figures import save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
-from power_lab.budget.account import Account
+from power_lab.budget.account import FAMILIES, Account, family_of, headline, in_words
 from power_lab.budget.budget import Budget
-from power_lab.budget.tables import headline, in_words
-from power_lab.report.budget_figures import drawn
+from power_lab.budget.efficiency_map import EfficiencyMap, efficiency_maps
+from power_lab.budget.gait_cycle import GaitCyclePower
 
 
 def write_budget(path: Path, budget: Budget) -> None:
@@ -119,3 +127,180 @@ def _differences(page: Page, budget: Budget) -> None:
         if one.drive == budget.account.first and one.phase == 'all'
     ]
     page.table(['recording', 'part', 'W', '90 % interval'], rows, numbers=(2, 3))
+
+
+_METERED: Final = '#4D4D4D'
+
+
+def drawn(budget: Budget) -> Iterator[tuple[str, str, Figure]]:
+    """Name, caption and figure of each picture that the recordings allow, within a plot style."""
+    yield 'flow', 'From the supply to where the power ends, W', flow(budget.account)
+    yield 'bars', 'Mean power by drive, W; the mark is what was metered', bars(budget.account)
+    for one in efficiency_maps(budget):
+        caption = f'Efficiency of {one.name} by its model, and states visited'
+        yield f'efficiency_{one.name}', caption, efficiency(one)
+    cycle = GaitCyclePower.of(budget.pictured)
+    if cycle is not None:
+        caption = 'Power of one leg from touch-down to touch-down, mean over legs and strides, W'
+        yield 'gait', caption, gait(cycle)
+
+
+def write_figures(folder: Path, budget: Budget) -> None:
+    """Write all pictures into a folder, as svg and png."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with style(dark=False):
+        for name, _, figure in drawn(budget):
+            for suffix in ('.svg', '.png'):
+                save_figure(figure, folder / f'{name}{suffix}')
+
+
+def bars(account: Account) -> Figure:
+    """Stacked bars of each drive or type of drives: losses to the right, what came back left."""
+    members = [name for name in account.tallies if name != WHOLE] or [account.first]
+    if WHOLE in account.tallies and len(members) > 4:
+        members = [n for n in members if account.tallies[n].drives > 1] or members
+    figure = Figure(figsize=(9, 1.6 + 0.5 * len(members)), layout='constrained')
+    axes = figure.subplots()
+    ends = {-1.0: np.zeros(len(members)), 1.0: np.zeros(len(members))}
+    watts = [_by_family(account, member) for member in members]
+    for family in FAMILIES:
+        own = np.array([values.get(family, 0.0) for values in watts])
+        for sign, left in ends.items():
+            part = np.where(np.sign(own) == sign, own, 0.0)
+            if np.abs(part).max() > 1e-3:
+                _bar(axes, family, members, part, left)
+                left += part
+    for place, member in enumerate(members):
+        mean = float(account.tallies[member].means[0, 0, -1])
+        axes.plot([mean, mean], [place - 0.42, place + 0.42], color='black', lw=2.2, zorder=3)
+    axes.axvline(0.0, color='black', lw=0.8)
+    axes.set_yticks(range(len(members)), members)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis='y')
+    axes.set_xlabel('mean power [W]')
+    _legend(figure)
+    return figure
+
+
+def flow(account: Account) -> Figure:
+    """Flows from the supply, and from braking joints, to where the power ends."""
+    watts = _by_family(account, account.first)
+    metered, _ = account.power()
+    sources = {'metered': metered}
+    sources |= {name: -value for name, value in watts.items() if value < 0.0}
+    sinks = {name: value for name, value in watts.items() if value > 0.0}
+    total = max(sum(sinks.values()), 1e-9)
+    figure = Figure(figsize=(9, 5.2), layout='constrained')
+    axes = figure.subplots()
+    axes.axis('off')
+    trunk, gap = 1.0, 0.03 * total
+    for side, flows in ((-1.0, sources), (1.0, sinks)):
+        level, at = 0.0, -0.5 * gap * (len(flows) - 1)
+        for name, value in flows.items():
+            words, colour, _ = FAMILIES.get(name, ('metered at the supply', _METERED, ()))
+            far = side * 3.0
+            _ribbon(axes, (side * trunk * 0.25, level), (far, at), value, colour)
+            share = f'{value:.1f} W' + (
+                f', {100.0 * value / metered:.0f} %' if metered > 0 else ''
+            )
+            _label(axes, far + 0.06 * side, at + 0.5 * value, side, f'{words}\n{share}')
+            level, at = level + value, at + value + gap
+    axes.add_patch(Rectangle((-0.25, 0.0), 0.5, total, color=_METERED, alpha=0.85, lw=0))
+    axes.set_xlim(-5.2, 5.2)
+    axes.set_ylim(total + 0.6 * gap * len(sinks), -0.6 * gap * len(sinks))
+    return figure
+
+
+def efficiency(found: EfficiencyMap) -> Figure:
+    """Efficiency over torque and speed in steady motion, with the states visited."""
+    figure = Figure(figsize=(7, 4.2), layout='constrained')
+    axes = figure.subplots()
+    x, y = found.speed, found.torque
+    shown = axes.contourf(x, y, found.percent, levels=np.arange(0, 101, 10), cmap='cividis')
+    axes.plot(*found.states.T, '.', ms=2.2, color='white', alpha=0.55)
+    axes.axhline(0.0, color='white', lw=0.8)
+    axes.set_xlim(float(x[0]), float(x[-1]))
+    axes.set_ylim(float(y[0]), float(y[-1]))
+    axes.set_xlabel('speed [rad/s]')
+    axes.set_ylabel('torque along the motion [N·m]')
+    axes.set_title(f'{found.name}: driving above 0, braking below; dots: visited', fontsize=10)
+    axes.grid(visible=False)
+    figure.colorbar(shown, ax=axes, label='efficiency [%]')
+    return figure
+
+
+def gait(cycle: GaitCyclePower) -> Figure:
+    """Power of a leg over its cycle by family."""
+    figure = Figure(figsize=(9, 4.6), layout='constrained')
+    axes = figure.subplots()
+    ends = {-1.0: np.zeros(len(cycle.percent)), 1.0: np.zeros(len(cycle.percent))}
+    for family, (words, colour, _) in FAMILIES.items():
+        if family in cycle.families:
+            label, looks, own = words, _looks(colour), cycle.families[family]
+            for sign, begin in ends.items():
+                band = np.where(np.sign(own) == sign, own, 0.0)
+                if np.abs(band).max() > 0.05:
+                    end = begin + band
+                    axes.fill_between(
+                        cycle.percent, begin, end, facecolor=colour, lw=0, label=label, **looks
+                    )
+                    label = '_nolegend_'
+                    begin += band
+    axes.plot(cycle.percent, cycle.metered, color='black', lw=2.0, label='metered')
+    axes.axvspan(0.0, cycle.stance, ymax=0.03, color='#1a1a1a', lw=0)
+    place = axes.get_xaxis_transform()
+    text = 'foot on the ground until here'
+    axes.text(cycle.stance + 1.0, 0.005, text, transform=place, fontsize=9)
+    axes.set_xlim(0.0, 100.0)
+    axes.set_xlabel('gait cycle [%]')
+    axes.set_ylabel('power of one leg [W]')
+    _legend(figure)
+    return figure
+
+
+def _by_family(account: Account, member: str) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for share in account.shares(member):
+        if share.effect != 'electronics' or member == WHOLE:
+            family = family_of(share.effect)
+            found[family] = found.get(family, 0.0) + share.mean_w
+    return found
+
+
+def _bar(axes: Axes, family: str, members: Sequence[str], part: Floats, left: Floats) -> None:
+    words, colour, _ = FAMILIES[family]
+    looks = _looks(colour)
+    axes.barh(range(len(members)), part, left=left, height=0.7, color=colour, label=words, **looks)
+
+
+def _looks(colour: str) -> dict[str, Any]:
+    """Hatching of what has no colour."""
+    return {'hatch': '////', 'edgecolor': '#808080'} if colour == 'none' else {}
+
+
+def _legend(figure: Figure) -> None:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(
+        once.values(), once.keys(), loc='outside upper left', ncols=4, frameon=False, fontsize=9
+    )
+
+
+def _ribbon(
+    axes: Axes, near: tuple[float, float], far: tuple[float, float], height: float, colour: str
+) -> None:
+    (x0, y0), (x1, y1) = near, far
+    middle = 0.5 * (x0 + x1)
+    points = [
+        *((x0, y0), (middle, y0), (middle, y1), (x1, y1)),
+        *((x1, y1 + height), (middle, y1 + height), (middle, y0 + height), (x0, y0 + height)),
+        (x0, y0),
+    ]
+    curve = [Outline.CURVE4] * 3
+    codes = [Outline.MOVETO, *curve, Outline.LINETO, *curve, Outline.CLOSEPOLY]
+    looks = {'edgecolor': 'none', **_looks(colour)}
+    axes.add_patch(PathPatch(Outline(points, codes), facecolor=colour, alpha=0.85, lw=0, **looks))
+
+
+def _label(axes: Axes, x: float, y: float, side: float, text: str) -> None:
+    axes.text(x, y, text, ha='left' if side > 0 else 'right', va='center', fontsize=9)

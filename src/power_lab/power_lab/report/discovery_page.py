@@ -1,15 +1,16 @@
 """The page of a discovery: shapes, formulas, where they act, and another recording."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 from wattwalk_core.arrays import Floats
-from wattwalk_core.pages.page import Page, escape
+from wattwalk_core.pages.page import COLORS, Figure, Page, escape, finished, short
 
 from power_lab.discover.found import Found
-from power_lab.discover.outcome import DiscoveryOutcome
-from power_lab.discover.transfer import Transfer
-from power_lab.report import discovery_figures, figures
+from power_lab.discover.outcome import DiscoveryOutcome, Transfer
+from power_lab.report import figures
 from power_lab.structure.shapes import LearnedShape
 
 
@@ -79,7 +80,7 @@ def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
     for drive in formula.places:
         shape = one.shapes[drive]
         drawn, axes = formula_over_shape(one, drive)
-        figure = discovery_figures.shape_and_formula(
+        figure = shape_and_formula(
             shape.nodes, shape.values, standard_error(shape), drawn, shape.share, axes
         )
         text = f'<p>{escape(formula.text(drive))}</p>'
@@ -129,9 +130,7 @@ def _section_places(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
     rms = np.sqrt(np.square(power[blocks.rows]).mean(axis=1))
     names = outcome.own.prepared.names
     page.text('Where in the recording it acts:', faint=True)
-    figure = discovery_figures.acts_when(
-        blocks.time - blocks.time[0], {names[d]: rms[:, d] for d in one.drives[:4]}
-    )
+    figure = acts_when(blocks.time - blocks.time[0], {names[d]: rms[:, d] for d in one.drives[:4]})
     page.add(page.figure(figure, f'Where {one.name} acts', size='low'))
 
 
@@ -139,7 +138,7 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
     page.text(f'On another recording: {transfer.reason}.')
     if not transfer.drives:
         return
-    figure = discovery_figures.before_and_after(transfer.drives, transfer.before, transfer.after)
+    figure = before_and_after(transfer.drives, transfer.before, transfer.after)
     page.add(page.figure(figure, 'Error on another recording', size='low'))
     panels = {}
     for column, name in enumerate(transfer.drives):
@@ -158,10 +157,118 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
 def _section_errors(page: Page, outcome: DiscoveryOutcome) -> None:
     discovery, names = outcome.discovery, outcome.own.prepared.names
     page.heading('Error on held-out data of the same recording')
-    figure = discovery_figures.before_and_after(
+    figure = before_and_after(
         names,
         *([j.drives[name].rmse_w for name in names] for j in (outcome.before, outcome.after)),
     )
     page.add(page.figure(figure, 'Held-out error', size='low'))
     if discovery.nothing:
         page.text(f'After that: {discovery.nothing}.', faint=True)
+
+
+_BAND = 'rgba(128,128,128,0.25)'
+
+
+def shape_and_formula(
+    nodes: Floats,
+    shape: Floats,
+    error: Floats,
+    formula: Floats,
+    share: Floats,
+    axes: tuple[str, str],
+) -> Figure:
+    """Free shape with its band of two standard errors, the formula over it, and the samples below.
+
+    nodes, shape, error, formula, share: [K].
+    """
+    figure = go.Figure()
+    bars = share / max(float(share.max()), 1e-12)
+    low = float(min((shape - 2 * error).min(), formula.min()))
+    high = float(max((shape + 2 * error).max(), formula.max()))
+    room = max(high - low, 1e-9)
+    figure.add_trace(
+        go.Bar(
+            x=short(nodes),
+            y=short(0.15 * room * bars),
+            base=low - 0.2 * room,
+            name='samples',
+            marker={'color': COLORS['grid']},
+            hoverinfo='skip',
+        )
+    )
+    edge = np.concatenate([shape + 2 * error, (shape - 2 * error)[::-1]])
+    figure.add_trace(
+        go.Scatter(
+            x=short(np.concatenate([nodes, nodes[::-1]])),
+            y=short(edge),
+            fill='toself',
+            fillcolor=_BAND,
+            line={'width': 0},
+            name='two standard errors',
+            hoverinfo='skip',
+        )
+    )
+    for name, values, color in (
+        ('learned shape', shape, COLORS['base']),
+        ('formula', formula, COLORS['better']),
+    ):
+        figure.add_trace(
+            go.Scatter(
+                x=short(nodes),
+                y=short(values),
+                name=name,
+                mode='lines',
+                line={'color': color, 'width': 2.2},
+                hovertemplate='%{x}: %{y}<extra>' + name + '</extra>',
+            )
+        )
+    figure.update_layout(bargap=0.0)
+    figure.update_xaxes(title_text=axes[0])
+    figure.update_yaxes(title_text=axes[1])
+    return finished(figure, legend=True)
+
+
+def acts_when(seconds: Floats, watts: Mapping[str, Floats]) -> Figure:
+    """W rms in each second of the recording, by drive."""
+    figure = go.Figure()
+    colors = (COLORS['better'], COLORS['base'], COLORS['third'], COLORS['measured'])
+    for place, (name, values) in enumerate(watts.items()):
+        figure.add_trace(
+            go.Scatter(
+                x=short(seconds),
+                y=short(values),
+                name=name,
+                mode='lines',
+                line={'color': colors[place % len(colors)], 'width': 1.4},
+                hovertemplate='%{x} s: %{y} W<extra></extra>',
+            )
+        )
+    figure.update_xaxes(title_text='time in s')
+    figure.update_yaxes(title_text='effect in W rms', rangemode='tozero')
+    return finished(figure, legend=True)
+
+
+def before_and_after(
+    drives: Sequence[str], before: Sequence[float], after: Sequence[float]
+) -> Figure:
+    """Error of each drive without and with the effect, W."""
+    figure = go.Figure()
+    for name, values, color in (
+        ('without', before, COLORS['base']),
+        ('with', after, COLORS['better']),
+    ):
+        figure.add_trace(
+            go.Bar(
+                x=list(drives),
+                y=short(values),
+                name=name,
+                text=[f'{value:.2f} W' for value in values],
+                textposition='outside',
+                cliponaxis=False,
+                marker={'color': color},
+            )
+        )
+    top = max([*before, *after, 1e-9])
+    figure.update_yaxes(title_text='RMS error in W', range=[0.0, 1.18 * top])
+    figure.update_layout(barmode='group')
+    return finished(figure, legend=True)

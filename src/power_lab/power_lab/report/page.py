@@ -17,7 +17,7 @@ from power_lab.compare.comparison import Comparison, by_drive, compare
 from power_lab.diagnose.findings import UNLIKELY, certainty
 from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
-from power_lab.report.staircase import Stairs
+from power_lab.report.figures import Stairs
 from power_lab.structure.words import in_words, verdict_in_words
 
 _HIGHEST = 2.5  # times the highest error, of lines that are drawn

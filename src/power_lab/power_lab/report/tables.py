@@ -1,18 +1,24 @@
 """Results as tables on a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.model import EffectModel, FittedValue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.quality.physics import ShaftBalance, power_balance
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
+from wattwalk_core.errors import printable
 
 from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.outcome import Outcome
 from power_lab.diagnose.verdict import candidates_to_show
+from power_lab.discover.outcome import DiscoveryOutcome
 from power_lab.structure.owners_terms import fitted_in_owners_terms
 
 _AT_END = (
@@ -192,3 +198,73 @@ def _unit(unit: str) -> str:
 
 def _number(value: float | None, digits: int) -> str:
     return '–' if value is None else f'{value:.{digits}f}'
+
+
+def print_discovery(console: Console, outcome: DiscoveryOutcome) -> None:
+    """Print what was found: a sentence, a line for each effect and drive, then its formulas."""
+    console.print(escape(outcome.sentence), style='bold')
+    if not outcome.discovery.found:
+        return
+    table = Table(box=None)
+    for name in ('effect', 'kind', 'drive'):
+        table.add_column(name, no_wrap=True)
+    for name in ('explains', '95 %', 'transfers'):
+        table.add_column(name, justify='right', no_wrap=True)
+    names = outcome.own.prepared.names
+    for one, transfer in zip(outcome.discovery.found, outcome.transfers, strict=True):
+        told = None if transfer is None else transfer.transfers
+        word = {None: '–', True: 'yes', False: 'no'}[told]
+        for place, drive in enumerate(one.drives):
+            first = place == 0
+            table.add_row(
+                escape(one.name) if first else '',
+                one.kind if first else '',
+                escape(printable(names[drive])),
+                f'{max(float(one.gain[drive]), 0.0) ** 0.5:.2f} W',
+                f'{one.interval[0]:.2f}–{one.interval[1]:.2f} W' if first else '',
+                word if first else '',
+            )
+    console.print(table)
+    for one in outcome.discovery.found:
+        for drive in one.drives if one.formula is not None else ():
+            assert one.formula is not None
+            formula = printable(one.formula.text(drive))
+            console.print(escape(f'{one.name} on {printable(names[drive])}: {formula}'))
+
+
+def power_balances(data: AlignedDataset) -> dict[str, ShaftBalance]:
+    """Return the balance by drive; of `robot` alone where no drive has a meter of its own."""
+    power, supply, torque, velocity = (
+        each.astype(np.float64) for each in (data.power, data.supply, data.torque, data.velocity)
+    )
+    measured = data.measured_drives()
+    if measured:
+        columns = {name: data.names.index(name) for name in measured}
+        found = {
+            name: power_balance(power[:, column], torque[:, column], velocity[:, column])
+            for name, column in columns.items()
+        }
+    else:
+        found = {'robot': power_balance(supply, torque, velocity)}
+    return {name: balance for name, balance in found.items() if balance is not None}
+
+
+def balance_lines(data: AlignedDataset, balances: Mapping[str, ShaftBalance]) -> list[str]:
+    """Return a line for each balance, with the unit where the current stands for torque."""
+    current = set(data.current_as_torque)
+    lines = []
+    for name, balance in balances.items():
+        text = str(balance)
+        if name in current or (name == 'robot' and current):
+            text = text.replace('W per W of torque', 'W per A·rad/s of current')
+        lines.append(f'power balance of {name}: {text}')
+    return lines
+
+
+def balances_json(balances: Mapping[str, ShaftBalance]) -> dict[str, dict[str, float]]:
+    """Return slope, error, share and R² by drive, for JSON."""
+    fields = ('slope', 'error', 'share', 'r2')
+    return {
+        name: {field: float(np.round(getattr(balance, field), 6)) for field in fields}
+        for name, balance in balances.items()
+    }

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Effect, Signals, Term
 from wattwalk_core.arrays import Floats
 
-from power_lab.structure.problem import DriveProblem
+from power_lab.structure.shapes import DriveProblem
 
 _SHORTEST = 3.0  # s, of a cycle: shorter ones are steps of the gait
 _HARMONICS = 6

@@ -11,7 +11,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from wattwalk_core.arrays import Floats
 
 from power_lab.structure.drivers import Factor, Family, driver_values, factor_values
-from power_lab.structure.problem import DriveProblem, price
+from power_lab.structure.shapes import DriveProblem, price
 
 MOVES = 39
 """Residuals without a cause: the largest of 39 is exceeded by chance in 1 of 40."""

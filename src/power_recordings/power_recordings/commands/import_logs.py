@@ -26,12 +26,12 @@ _MOST_NOTES = 20
 _CHECKED = 100_000  # messages, whose quality is printed after an import
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """List what a log holds, or import it."""
     if options.list:
         first, *others = (open_source(log, options.msgs) for log in options.logs)
         _list(first, others)
-        return 0
+        return
     if options.map is None:
         raise InputError(
             f'--map is missing: `import {options.logs[0]} --list` prints what is in the log and a '
@@ -42,7 +42,6 @@ def run(options: argparse.Namespace) -> int:
     mapping = load_map(options.map)
     sources = [open_source(log, options.msgs) for log in options.logs]
     _import(sources, mapping, options)
-    return 0
 
 
 def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.Namespace) -> None:

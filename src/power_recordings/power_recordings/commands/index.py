@@ -13,7 +13,7 @@ from power_recordings.index.tables import FILES, add_cards, export, listed
 _MOST = 40  # rows of the table
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """List what the index has; add to it, export it."""
     path = usual_path()
     if path is None:
@@ -33,7 +33,6 @@ def run(options: argparse.Namespace) -> int:
         if options.export is not None:
             export(index, options.export)
             print(f'{printable(str(options.export))}: {", ".join(FILES)}')
-    return 0
 
 
 def _print(rows: list[dict[str, object]], most: int | None) -> None:

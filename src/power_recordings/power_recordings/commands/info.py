@@ -16,7 +16,7 @@ _WIDTH = 130
 _FINDING = 1000  # characters
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Print the quality of recordings."""
     found = {}
     with RecordingIndex(usual_path()) as index:
@@ -24,9 +24,7 @@ def run(options: argparse.Namespace) -> int:
             one = checked(path, index)
             print_quality(one)
             found[str(path)] = one.quality.content()
-    if options.json is not None:
-        write_json(options.json, finite(found))
-    return 0
+    write_json(options.json, finite(found))
 
 
 def print_quality(checked: Checked) -> None:

@@ -1,16 +1,23 @@
 """Encoding and decoding of messages as CDR bytes, without ROS."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
 from rosbags.typesys.store import Typestore
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
@@ -300,3 +307,37 @@ def twist_block(stamps_ns: NDArray[np.int64], velocity: Floats) -> NDArray[np.ui
 def _vector(path: str, axes: str, values: Floats) -> dict[str, Floats]:
     columns = np.asarray(values).reshape(-1, len(axes)).T
     return {f'{path}.{axis}': column for axis, column in zip(axes, columns, strict=True)}
+
+
+_LARGEST: Final = 128 << 10  # bytes of a definition without blank lines
+_BLANK = re.compile(r'(\r?\n)[ \t\r\n]+')
+_SEPARATOR: Final = '=' * 80 + '\n'
+
+Fields = Mapping[str, Any]
+
+
+@lru_cache(64)
+def own_fields(text: str, type_name: str) -> Fields:
+    """Return the fields by type of a definition: ROS 1 or 2 messages, or IDL as rosbag2 writes it.
+
+    Raises ValueError for a text that is not one, or too long.
+    """
+    text = _BLANK.sub(r'\1', text)
+    if len(text) > _LARGEST:
+        raise ValueError(f'{len(text) >> 10} KiB; at most {_LARGEST >> 10} are read')
+    try:
+        if text.startswith(f'{_SEPARATOR}IDL: '):
+            parts = [part.split('\n', 1)[-1] for part in text.split(_SEPARATOR)[1:]]
+            return {k: v for part in parts for k, v in get_types_from_idl(part).items()}
+        return dict(get_types_from_msg(text, type_name))
+    except (TypesysError, KeyError, RecursionError) as error:
+        raise ValueError(str(error)) from None
+
+
+def fields_of(text: str, type_name: str, given: Fields) -> Fields:
+    """Return the fields of all types that a message may need.
+
+    The bag's definition comes first, then `given`, then ROS 2 Jazzy's and this suite's.
+    """
+    own = own_fields(text, type_name) if text else {}
+    return {**typestore().fielddefs, **given, **own}

@@ -13,7 +13,7 @@ from wattwalk_core.errors import InputError, printable
 
 from power_recordings.card import FILE, Card
 from power_recordings.messages.batch import Batch, Topic
-from power_recordings.messages.cdr import definition, full_name, typestore
+from power_recordings.messages.cdr import definition, full_name, own_fields, typestore
 from power_recordings.messages.samples import (
     CmdVelSamples,
     DriveSamples,
@@ -29,7 +29,6 @@ from power_recordings.messages.samples import (
 from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading import bag_folder
-from power_recordings.reading.definitions import own_fields
 from power_recordings.reading.ordering import ascending
 
 S = TypeVar('S', bound=Samples)

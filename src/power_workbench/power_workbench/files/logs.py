@@ -1,12 +1,13 @@
 """Logs of others on the page: a guessed map, the signals that it gives, the import."""
 
 import re
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
+from wattwalk_core.files import reason, write_whole
 from wattwalk_core.yaml_file import dump_yaml, parse_yaml, read_yaml
 
 from power_workbench.views import maps
@@ -62,10 +63,10 @@ def look(show: Show, file: str) -> dict[str, Any]:
 
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Signals of the first rows in SI units, or the error and the place in the map that has it."""
-    from power_recordings.importing.map_file import parse_map  # slow to import
+    from power_recordings.importing.listing import preview_log  # slow to import
+    from power_recordings.importing.map_file import parse_map
     from power_recordings.importing.origin import origin_of_power
     from power_recordings.importing.plan import make_plan
-    from power_recordings.importing.preview import preview_log
     from power_recordings.importing.sources import open_source
 
     try:
@@ -148,3 +149,37 @@ def _remarks(text: str) -> dict[str, str]:
         elif word := re.match(r'\s*([^:]+):', entry):
             found[word[1].strip()] = remark
     return found
+
+
+LARGEST_LOG: Final = 2 << 30
+"""Bytes of a log that is handed over; larger ones are named with their folder."""
+_ROOM: Final = 1 << 30  # bytes that stay free on the disk
+_FOLDER: Final = 'logs'
+
+
+async def keep_log(
+    folder: Path, name: str, length: int, chunks: AsyncIterator[bytes]
+) -> dict[str, str]:
+    """Write a log of length bytes below a session's folder, whole or not at all.
+
+    InputError for a name that is no log's, and where the disk has no room.
+    """
+    if Path(name).name != name or name.startswith('.') or not name.isprintable():
+        raise InputError(f'{name!r} is no name of a file')
+    if not name.lower().endswith(ENDINGS):
+        raise InputError(f'{name}: expected a log ({", ".join(ENDINGS)})')
+    path = folder / _FOLDER / name
+    part = path.with_name(f'.{name}.part')
+    try:
+        if shutil.disk_usage(folder).free - length < _ROOM:
+            raise InputError(f'{name}: the disk of {folder} has no room for {length / 1e6:.0f} MB')
+        path.parent.mkdir(exist_ok=True)
+        with part.open('wb') as file:
+            async for chunk in chunks:
+                file.write(chunk)
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f'cannot write {path}: {reason(error)}') from error
+    finally:
+        part.unlink(missing_ok=True)
+    return {'file': str(path)}

@@ -16,8 +16,7 @@ from starlette.responses import FileResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Route
 from wattwalk_core.errors import InputError
 
-from power_workbench.files.logs import ENDINGS
-from power_workbench.files.upload import keep_log
+from power_workbench.files.logs import ENDINGS, keep_log
 from power_workbench.server import actions, answers
 from power_workbench.server.guard import UPLOAD
 from power_workbench.sessions.manager import SessionManager

@@ -6,7 +6,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
-from power_workbench.files.upload import LARGEST_LOG
+from power_workbench.files.logs import LARGEST_LOG
 
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]

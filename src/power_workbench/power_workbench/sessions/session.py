@@ -13,10 +13,8 @@ from wattwalk_core.errors import InputError
 from power_workbench.live.feed import LiveFeed
 from power_workbench.sessions.jobs import JobRunner, SessionJob
 from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
-from power_workbench.sessions.seen_models import Key, SeenModels
-from power_workbench.sessions.shown import Commands
-from power_workbench.sessions.source import Findings, Source
-from power_workbench.sessions.steps import SessionRecord, SessionStep
+from power_workbench.sessions.source import Findings, Key, SeenModels, Source
+from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
 from power_workbench.views.view import PowerView
 
 _STAGES = {

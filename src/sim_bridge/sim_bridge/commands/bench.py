@@ -11,7 +11,7 @@ from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_
 from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun, write_bag
 from sim_bridge.plant.world import Stand, stand_world
-from sim_bridge.sensors.meter import DeviceClock
+from sim_bridge.sensors.sensors import DeviceClock
 
 
 def _stand(options: argparse.Namespace) -> Stand:
@@ -23,7 +23,7 @@ def _stand(options: argparse.Namespace) -> Stand:
     return Stand(options.inertia, load.mass, load.length)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Write the bag of a motion."""
     find_motion(options.motion, options.mode)
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
@@ -64,4 +64,3 @@ def run(options: argparse.Namespace) -> int:
             f'next: ros2 run power_calibration calibrate {options.output} '
             f'--reference {options.analyser} -o calibration.yaml --report calibration.html'
         )
-    return 0

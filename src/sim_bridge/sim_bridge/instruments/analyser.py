@@ -13,7 +13,7 @@ from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Quantity, schema
 
 from sim_bridge.plant.simulation import PlantBlock
-from sim_bridge.sensors.meter import DeviceClock
+from sim_bridge.sensors.sensors import DeviceClock
 
 _RIPPLE_PER_TURN: Final = 6 * 21 * 50
 """Commutations of the inverter, poles in pairs and gear: periods per turn of the joint."""

@@ -18,15 +18,13 @@ from sensor_msgs.msg import JointState
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.fault_log import FaultLog
+from wattwalk_core.nodes.diagnostics import FaultLog, Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.services import offer
 
-from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.publishing import SamplePublisher
-from sim_bridge.live.real_time import LivePlant, joint_command
+from sim_bridge.live.real_time import FrameEncoder, LivePlant, SimulatedBus, joint_command
 from sim_bridge.offline.session import random_push
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import Simulation

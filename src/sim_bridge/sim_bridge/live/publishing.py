@@ -22,8 +22,7 @@ from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.world import World
 from sim_bridge.sensors.blocks import InstrumentReadings
-from sim_bridge.sensors.meter import DeviceClock
-from sim_bridge.sensors.sensors import BodyReadings, OdometryReadings, SupplyReadings
+from sim_bridge.sensors.sensors import BodyReadings, DeviceClock, OdometryReadings, SupplyReadings
 
 
 def assign(target: object, names: str, values: Floats) -> None:

@@ -18,8 +18,8 @@ from power_recordings.writing.writer import BagWriter, MessageBlock
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from wattwalk_core.anymal import FOOT_NAMES
+from wattwalk_core.command import DeferredSignals, Interrupted
 from wattwalk_core.errors import InputError
-from wattwalk_core.interruption import DeferredSignals, Interrupted
 
 import sim_bridge
 from sim_bridge.offline.controllers import Controller, make_controller

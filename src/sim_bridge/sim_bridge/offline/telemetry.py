@@ -24,7 +24,7 @@ from wattwalk_core.errors import InputError
 
 from sim_bridge.offline.session import Event, SessionPart
 from sim_bridge.sensors.blocks import BusColumns
-from sim_bridge.sensors.meter import DeviceClock
+from sim_bridge.sensors.sensors import DeviceClock
 
 START_NS: Final = 1_750_000_000_000_000_000  # ROS time of step 0 in offline runs
 

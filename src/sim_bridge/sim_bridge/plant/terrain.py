@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 from wattwalk_core.arrays import Floats
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 TERRAINS = ('flat', 'rough')
 _LEVEL_RADIUS = 1.0  # m around the start without noise
@@ -14,7 +14,7 @@ _WAVES = 4
 
 
 @dataclass(frozen=True)
-class Terrain:
+class Terrain(CheckedFields):
     """Square patch of terrain centred on the start, with a plane around it.
 
     noise: uniform height noise of each cell's corners, ± (the paper: 0.02). slope: steepest
@@ -27,9 +27,6 @@ class Terrain:
     cell: Annotated[float, Quantity(0.05, 1.0, 'm')] = 0.2
     extent: Annotated[float, Quantity(12.0, 200.0, 'm')] = 60.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def is_flat(self) -> bool:

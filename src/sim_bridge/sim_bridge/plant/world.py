@@ -9,7 +9,7 @@ import numpy as np
 from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
+from wattwalk_core.schema import CheckedFields, Quantity
 
 from sim_bridge.plant.anymal_model import TIMESTEP, FootForce, build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
@@ -52,7 +52,7 @@ def walking_world(terrain: Terrain = FLAT, payload: float = 0.0) -> World:
 
 
 @dataclass(frozen=True)
-class Stand:
+class Stand(CheckedFields):
     """Load of one drive on a bench: a disc (inertia, kg·m²) and a pendulum (mass kg, length m).
 
     InputError for a negative mass, length or inertia, or less than 1e-4 kg·m² in all.
@@ -63,7 +63,7 @@ class Stand:
     length: Annotated[float, Quantity(0.0, 100.0, 'm')] = 0.3
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.inertia + self.mass * self.length**2 < 1e-4:
             raise InputError(f'stand inertia is {self.inertia!r}; give at least 1e-4 kg·m²')
 

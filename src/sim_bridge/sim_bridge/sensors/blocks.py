@@ -11,12 +11,14 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.simulation import PlantBlock, Simulation
-from sim_bridge.sensors.meter import DeviceClock, Meter, MeterReadings
 from sim_bridge.sensors.sensors import (
     BodyReadings,
     BodySensors,
+    DeviceClock,
     JointReadings,
     JointSensors,
+    Meter,
+    MeterReadings,
     OdometryReadings,
     SupplyReadings,
     SupplySensor,

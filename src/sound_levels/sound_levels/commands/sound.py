@@ -40,7 +40,7 @@ def entries_of(
     return [Entry(entry.path, entry.policy, bag) for entry, bag in pairs]
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Measure, compare and report; 2 for bad input."""
     entries = entries_of(options.files, options.policy, options.recording)
     settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
@@ -55,8 +55,7 @@ def run(options: argparse.Namespace) -> int:
         result = summary(analysis)
     _print(analysis)
     with together():
-        if options.json is not None:
-            write_json(options.json, result)
+        write_json(options.json, result)
         if options.picture is not None:
             save_figure(draw_sound(analysis), options.picture)
         if options.report is not None:
@@ -70,7 +69,6 @@ def run(options: argparse.Namespace) -> int:
         print('next: --recording BAG… aligns sound and power, and evaluates walking only')
     elif options.report is None:
         print('next: --report sound.html shows levels, spectra and the alignment')
-    return 0
 
 
 def _print(analysis: Analysis) -> None:

@@ -15,11 +15,10 @@ from wattwalk_core.yaml_file import read_text
 
 from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
 from power_recordings.messages.batch import Batch, Topic
-from power_recordings.messages.cdr import full_type
+from power_recordings.messages.cdr import fields_of, full_type, own_fields
 from power_recordings.messages.cdr_layout import Layout
 from power_recordings.messages.topic_columns import MessageSorter, TooManyLayoutsError
 from power_recordings.reading import bag_folder
-from power_recordings.reading.definitions import fields_of, own_fields
 from power_recordings.reading.ros1_file import Ros1File
 
 _MOST_COLUMNS: Final = 400  # of one topic that are listed
