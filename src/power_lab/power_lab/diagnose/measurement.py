@@ -49,10 +49,12 @@ class MeasurementTerm:
         """The error, with what would tell it from physics."""
         if self.name in _IN_WORDS:
             return _IN_WORDS[self.name](self)
-        unit = SENSORS[self.name].unit
+        size = f'{self.value:.3g} {SENSORS[self.name].unit}'
+        if self.name == 'meter_filter' and self.value > 0:  # half of a time constant squared
+            size = f'{np.sqrt(2.0 * self.value):.2g} s'
         return (
-            f'The measurement of {self.drive} may be off: {self.name.replace("_", " ")} '
-            f'{self.value:.3g} {unit}; {_CHECKS[self.name]}.'
+            f'Allowed for in {self.drive}: {self.name.replace("_", " ")} of {size}; to be rid of '
+            f'it, {_CHECKS[self.name]}.'
         )
 
 
