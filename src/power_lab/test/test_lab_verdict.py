@@ -207,6 +207,11 @@ def test_each_error_of_the_measurement_is_said_with_what_would_check_it(name):
     assert any(check in term.sentence for check in checks)
 
 
+def test_the_filter_of_a_meter_is_said_by_its_time_constant():
+    term = MeasurementTerm('meter_filter', 3.2e-5, (1e-5, 5e-5), 1.0, True, False, 'J2', False, {})
+    assert term.sentence.startswith('Allowed for in J2: meter filter of 0.008 s;')  # ½·0.008²
+
+
 def test_the_table_has_each_effect_that_the_sentence_names_and_says_how_many_are_left_out():
     names = [one.name for one in CATALOGUE.physics()][:12]
     found = diagnosis(
