@@ -191,6 +191,16 @@ def test_a_list_says_of_which_rows_its_ranges_are(tmp_path, capsys):
 def test_times_since_1970_in_nanoseconds_are_times(tmp_path, capsys):
     text, _ = guess(tmp_path, capsys, time_ns=1.718e18 + 1e9 * T, vel=SPEED, tau=TORQUE)
     assert 'time: {column: time_s, unit: s}   # or time_ns\n' in text
+    back = 1.718e18 + 1e9 * T
+    back[7] = np.nan  # a row that was lost
+    text, _ = guess(tmp_path, capsys, time_ns=back, vel=SPEED, tau=TORQUE)
+    assert '# or time_ns\n' in text
+
+
+def test_a_value_that_means_none_is_no_signal(tmp_path, capsys):
+    power = {'u_dc_V': VOLTS, 'i_dc_A': WATTS / VOLTS, 'temp': np.full(len(T), 9.91e37)}
+    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, **power)
+    assert '# temperature: {from: COLUMN' in text
 
 
 def test_left_and_right_wheels_are_drives_and_r_is_no_unit(tmp_path, capsys):
@@ -205,6 +215,9 @@ def test_a_speed_along_the_ground_asks_for_the_radius_of_the_wheel(tmp_path, cap
     own = {'speed[km/h]': SPEED, 'tau_Nm': TORQUE, 'U': VOLTS, 'I': WATTS / VOLTS}
     text, _ = guess(tmp_path, capsys, **own)
     assert "# velocity: {from: 'speed[km/h]', scale: 0.2778, unit: rad/s}   # along the" in text
+    own['vel_m_s'] = own.pop('speed[km/h]')
+    text, _ = guess(tmp_path, capsys, **own, **{'cmd_vel[m/s]': SPEED})
+    assert '# velocity: {from: vel_m_s, scale: 1, unit: rad/s}   # along the' in text
 
 
 def test_fields_of_a_structure_are_known_by_their_own_names(tmp_path, capsys):
@@ -214,7 +227,7 @@ def test_fields_of_a_structure_are_known_by_their_own_names(tmp_path, capsys):
     assert 'from: log.Tq,' in lines['torque']
 
 
-@pytest.mark.parametrize('name', ['esc_temp', 'temp_fet', 'driver_temperature'])
+@pytest.mark.parametrize('name', ['esc_temp', 'temp_fet_degC', 'motor_driver_temp', 'mcu_temp[C]'])
 def test_the_temperature_of_electronics_is_not_the_motors(tmp_path, capsys, name):
     power = {'u_dc_V': VOLTS, 'i_dc_A': WATTS / VOLTS, name: 30 + T}
     text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, **power)

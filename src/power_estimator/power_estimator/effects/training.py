@@ -203,12 +203,17 @@ def _require_usable(prepared: Prepared, effects: Sequence[Active]) -> None:
                 '(card.yaml), which has it in already; leave it out, or say `torque: joint` in '
                 'the card if a sensor at the joint measured it'
             )
-        shapes = active.effect.shapes_of(prepared.scale)
-        if signals.steady and not any(active.effect.usable(signals, **s) for s in shapes):
+        if any(active.effect.usable(signals, **s) for s in active.effect.shapes_of(prepared.scale)):
+            continue
+        if signals.steady:
             raise InputError(
                 f'{active.name}: it shows while something changes, and operating points are all '
                 f'that {", ".join(prepared.recordings)} holds; leave it out, or record motion'
             )
+        raise InputError(
+            f'{active.name}: {", ".join(prepared.recordings)} cannot show it, by its formula '
+            f'({active.effect.formula}); leave it out'
+        )
 
 
 def _require_excitation(prepared: Prepared, least: float) -> None:

@@ -17,10 +17,18 @@ from power_recordings.importing.units import quantities_of
 
 MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
 _MOTION: Final = MECHANICAL[:3]  # a current alone may be one of three phases
-_WANTED = r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
+WANTED: Final = (
+    r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
+)
+ALONG_GROUND: Final = r'(?<![a-z])(km/?h|kph|mph|m[/_]s)[\])]?$'
+"""Units of a speed that is none of a shaft, in lower case."""
 _ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
 _DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
 _AT = r'(dc|zk|bus|in|sup\w*|batt?)'  # behind a symbol of what a supply gives
+_ELECTRONICS = (
+    r'(esc|fets?|mos(fets?)?|igbt|driver|inverter|controller|mcu|cpu|pcb|board|module|heatsink)'
+)
+"""Of a drive, whose temperature is not that of its motor."""
 _OTHER = (
     r'scaling|fraction|limits?|mode|errors?|faults?|status|bits?|register|samples?|tool|tcp|force|'
     r'accelerometer|acc|imu|gnss|inertia|computed|momentum|receive|accuracy|hours|levels?|'
@@ -46,8 +54,9 @@ _RULES: Final = (
     ('efficiency', r'effic|(^|_)eta(_|$)'),
     ('loss', r'(total|system|overall|drive)_.*loss'),
     ('loss', r'loss'),
-    ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)[pq](_|$)).*{_WANTED}'),
-    ('', rf'{_WANTED}'),
+    ('command', rf'{WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)[pq](_|$)).*{WANTED}'),
+    ('', rf'{WANTED}'),
+    ('', rf'(^|_){_ELECTRONICS}(_|$).*temp|temp.*(^|_){_ELECTRONICS}(_|$)'),
     ('supply_voltage', r'robot.*volt'),
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
@@ -58,11 +67,7 @@ _RULES: Final = (
         r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))'
         r'|(?<!fet_)(^|_)temp.*(winding|motor)|motor_thermistor',
     ),
-    (
-        'temperature',
-        r'^(?!.*(esc|fet|mos|igbt|driver|inverter|board|pcb|cpu|module)).*'
-        r'((^|_)temp|(^|_)t_(housing|case|geh))',
-    ),
+    ('temperature', r'(^|_)temp|(^|_)t_(housing|case|geh)'),
     (
         'voltage',
         rf'{_DC}.*(volt|_v(_|$))|v_?bus|(^|_)([uv]_?{_AT}|dc_?[uv])(_|$)|volt\w*_(dc|in)(_|$)',
@@ -187,6 +192,8 @@ def _candidate(item: Listed) -> CandidateColumn | None:
     by_unit = (_BY_UNIT, '' if letter else next((q for q in _OF_UNIT if q in fits), ''))
     rank, quantity = next(by_name, by_unit)
     if not quantity or (still and quantity not in _STILL):
+        return None
+    if quantity == 'velocity' and re.search(ALONG_GROUND, column.address.lower()):
         return None
     if quantity == 'velocity' and not unit and (np.diff(item.values) == 1.0).all():
         return None  # numbers of the rows

@@ -9,7 +9,13 @@ from typing import Final
 import numpy as np
 from wattwalk_core.errors import printable
 
-from power_recordings.importing.candidates import MECHANICAL, CandidateColumn, candidates
+from power_recordings.importing.candidates import (
+    ALONG_GROUND,
+    MECHANICAL,
+    WANTED,
+    CandidateColumn,
+    candidates,
+)
 from power_recordings.importing.evidence import (
     Choice,
     choose,
@@ -38,7 +44,7 @@ _GUESSED_UNIT: Final = {
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
 _RADIANS: Final = 16 * np.pi  # that an angle without unit may reach before it counts as degrees
 _ODRIVE: Final = 'named as by an ODrive, which counts turns: check'
-_OF_ODRIVE: Final = r'fet_temp|fet_thermistor|(pos|vel)_estimate'
+_OF_ODRIVE: Final = r'(^|_)(fet_temp|fet_thermistor)|(pos|vel)_estimate'
 _POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is known by
 _WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
@@ -48,7 +54,11 @@ _ALONG: Final = (
     '    # velocity: {{from: {}, scale: {:.4g}, unit: rad/s}}   # along the ground: scale over '
     "the wheel's radius in m"
 )
-_GROUND: Final = {'km/h': 1 / 3.6, 'kmh': 1 / 3.6, 'kph': 1 / 3.6, 'mph': 0.44704, 'm/s': 1.0}
+_GROUND: Final = {
+    **dict.fromkeys(('km/h', 'kmh', 'kph'), 1 / 3.6),
+    **dict.fromkeys(('m/s', 'm_s'), 1.0),
+    'mph': 0.44704,
+}
 _NO_TORQUE: Final = (
     '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
     'motor: {from: COLUMN, unit: A, at: motor}'
@@ -316,10 +326,12 @@ class _Drive:
 
 def _along(item: Listed) -> str:
     """A line for a speed along the ground, '' of any other column."""
-    found = re.search(r'[\[(_ ]([a-z/]+)[\])]?$', item.column.address)
-    factor = _GROUND.get(found[1]) if found else None
-    fits = re.search(r'speed|vel|tempo|geschw', item.column.address.lower())
-    return _ALONG.format(yaml_text(item.column.address), factor) if factor and fits else ''
+    name = item.column.address.lower()
+    found = re.search(ALONG_GROUND, name)
+    named = re.search(r'speed|vel|tempo|geschw', name) and not re.search(WANTED, words(name))
+    if not found or not named:
+        return ''
+    return _ALONG.format(yaml_text(item.column.address), _GROUND[found[1]])
 
 
 def _velocity_apart_from_voltage(

@@ -21,6 +21,7 @@ from power_recordings.importing.units import SI
 _ROWS = 50_000  # of each stream that are looked at
 _CELLS = 25_000_000
 _KEPT = 20_000  # rows that guesses are judged by
+_LATEST_NS = 9.3e18  # in the year 2262, the most of 64 bits
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def _listed(column: LogColumn, values: np.ndarray, rate: float) -> Listed:
         changes = float(np.mean(values[1:] != values[:-1])) if count > 1 else 0.0
         text = next((str(value) for value in values if value), '')
         return Listed(column, count, np.nan, np.nan, changes, rate, text=text)
-    if not (np.diff(values) >= 0).all():  # else times, which count from 1970 in ns, too
+    if not _may_be_times(values):
         values = np.where(np.abs(values) < LARGEST, values, np.nan)
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
@@ -152,3 +153,10 @@ def _previewed(
     unit = plan.torque_unit.get(drive, SI[quantity]) if quantity == 'torque' else SI[quantity]
     thinned = values[:: max(1, -(-len(values) // _SHOWN))]
     return PreviewedSignal(drive, quantity, unit, len(values), low, high, thinned)
+
+
+def _may_be_times(values: np.ndarray) -> bool:
+    """Tell whether values go on as times in ns since 1970 do, which are larger than any signal."""
+    finite = values[np.isfinite(values)]
+    steps = np.diff(finite)
+    return bool(steps.any() and finite.max() < _LATEST_NS and np.mean(steps >= 0) > 0.9)
