@@ -151,8 +151,8 @@ def test_an_effect_that_is_told_from_nothing_has_no_probability_beside_it():
 def test_none_of_the_above_says_how_improbable_a_known_effect_is():
     found = diagnosis(left_of(0.34, 0.34), {'iron_loss': 0.3}, any_missing=0.3, drives=2)
     assert said(found) == (
-        'No known effect explains what the model misses: 0.34 W (1.7% of power); a '
-        'known one is missing with probability 0.30.'
+        'No known effect explains what the model misses: 0.34 W (1.7% of power); that '
+        'a known one is missing besides has probability 0.30.'
     )
     assert 'meter each drive' in to_do(found, 1.0, 1.0)
 

@@ -54,8 +54,8 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
     any_ = certainty(diagnosis.found.any_missing)
     if diagnosis.verdict == 'none_of_the_above':
         return (
-            f'No known effect explains what the model misses: {stays}; a known one '
-            f'is missing with probability {any_}.'
+            f'No known effect explains what the model misses: {stays}; that a known '
+            f'one is missing besides has probability {any_}.'
         )
     if likely or diagnosis.found.any_missing >= _LIKELY:
         long = f'Something {one}, but these recordings do not tell what{names}; {stays} stays'
