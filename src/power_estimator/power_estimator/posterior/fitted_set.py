@@ -13,8 +13,9 @@ from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution,
 from power_estimator.posterior.meter import MeterProblem, Point
 from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
 
-_ITERATIONS = 6
+_ITERATIONS = 8
 _SETTLED = 1.0  # nats
+_LEAST_STEP = 0.1  # of the way to the next solution
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
 _CELLS = _SIZES * len(SIZES)
@@ -28,6 +29,19 @@ class Cell:
     normal: NormalEquations
     sizes: Floats  # [n + z]
     solution: Solution
+    place: int  # of the delay
+
+    def at(self, values: Floats) -> float:
+        """Evidence about coefficients [n] instead of about the solution, in nats."""
+        count, ours = len(values), slice(self.place, self.place + 1)
+        gram = self.normal.gram + np.diag(self.sizes**-2.0)
+        joined = np.concatenate([gram[count:, :count], self.normal.moments[count:, ours]], axis=1)
+        taken = gram[:count, count:] @ np.linalg.solve(gram[count:, count:], joined)
+        own, moment = gram[:count, :count] - taken[:, :-1], self.normal.moments[:count, self.place]
+        moment = moment - taken[:, -1]
+        solution = self.solution.mean[:count]
+        off = values - solution
+        return self.solution.evidence + float(off @ (moment - own @ solution) - 0.5 * off @ own @ off)
 
 
 @dataclass(frozen=True)
@@ -61,7 +75,7 @@ def cells(
         normal = normals.at(k)
         for size in SIZES if not flat.all() else SIZES[:1]:
             spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
-            out.append(Cell(normal, spread, solved(normal, place, spread, signed)))
+            out.append(Cell(normal, spread, solved(normal, place, spread, signed), place))
     return out, place
 
 
@@ -74,33 +88,45 @@ def fit_set(
 ) -> FittedSet:
     """Fit a set of effects, each time linearised about the last, until its evidence stands still.
 
-    What counts is the last step: a point that is not its own solution may have more evidence,
-    since large coefficients may depart further from their formulas. A step after which there is
-    less evidence than before is halved. elsewhere: evidence that another start led to; with
-    nearly as much as that, this one is taken to lead there, too.
+    Departures are as large as the point has their effects. So what counts is the evidence of the
+    point, not that of its linearised problem, whose solution may be far off: the way there is
+    halved until there is more evidence than before. elsewhere: evidence that another start led
+    to; with nearly as much as that, this one is taken to lead there, too.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
     found: FittedSet | None = None
+    target, step = np.empty(0), 1.0
     for _ in range(_ITERATIONS):
         columns = meter.columns(actives, point)
         solutions, place = cells(meter, columns, known)
-        logs = np.array([cell.solution.evidence for cell in solutions])
+        if len(point) == len(actives):  # before that, departures of some are not there yet
+            values = np.concatenate([point[a.name][1] for a in actives]) / columns.watts
+            logs = np.array([cell.at(values) for cell in solutions])
+        else:
+            logs = np.array([cell.solution.evidence for cell in solutions])
         evidence = float(
             logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
         )
         last = found
-        if len(point) == len(actives):  # before that, departures of some are not there yet
-            found = FittedSet(evidence, point, place)
-        if last is not None and abs(evidence - last.evidence) < _SETTLED:
-            break
-        if found is not None and 0.0 <= elsewhere - evidence < _SETTLED:
-            break
-        best = solutions[int(np.argmax(logs))].solution
-        values = best.mean[: len(signed)] * columns.watts
-        values = np.where(signed, np.maximum(values, 0.0), values)
-        if last is not None and evidence < last.evidence:
-            values = 0.5 * (values + np.concatenate([point[a.name][1] for a in actives]))
+        if last is None or evidence > last.evidence:
+            if len(point) == len(actives):
+                found = FittedSet(evidence, point, place)
+            best = solutions[int(np.argmax(logs))].solution
+            target = best.mean[: len(signed)] * columns.watts
+            target, step = np.where(signed, np.maximum(target, 0.0), target), 1.0
+            if last is not None and evidence < last.evidence + _SETTLED:
+                break
+            if found is not None and 0.0 <= elsewhere - evidence < _SETTLED:
+                break
+        else:
+            step *= 0.3
+            if step < _LEAST_STEP:
+                break
+        values = target
+        if found is not None:
+            here = np.concatenate([found.point[a.name][1] for a in actives])
+            values = here + step * (target - here)
         point = {active.name: (active, values[columns.places(active)]) for active in actives}
     assert found is not None
     return found
