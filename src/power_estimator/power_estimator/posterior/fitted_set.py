@@ -1,7 +1,7 @@
 """Sets of effects fitted to one meter, each at its own point."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -32,16 +32,26 @@ class Cell:
     place: int  # of the delay
 
     def at(self, values: Floats) -> float:
-        """Evidence about coefficients [n] instead of about the solution, in nats."""
-        count, ours = len(values), slice(self.place, self.place + 1)
+        """Evidence about coefficients [n] in place of the solution, in nats."""
+        precision, pull = self._at(values)
+        off = self.solution.mean[: len(values)] - values
+        return self.solution.evidence - float(off @ pull - 0.5 * off @ precision @ off)
+
+    def about(self, values: Floats) -> NormalEquations:
+        """Return the problem whose solution is at coefficients [n]; at 0 they may be held."""
+        _, pull = self._at(values)
+        moments = self.normal.moments.copy()
+        moments[: len(values), self.place] -= np.where(values > 0, pull, np.maximum(pull, 0.0))
+        return replace(self.normal, moments=moments)
+
+    def _at(self, values: Floats) -> tuple[Floats, Floats]:
+        """Precision of effects beside any nuisances [n, n], and the slope of their log [n]."""
+        count, place = len(values), slice(self.place, self.place + 1)
         gram = self.normal.gram + np.diag(self.sizes**-2.0)
-        joined = np.concatenate([gram[count:, :count], self.normal.moments[count:, ours]], axis=1)
-        taken = gram[:count, count:] @ np.linalg.solve(gram[count:, count:], joined)
-        own, moment = gram[:count, :count] - taken[:, :-1], self.normal.moments[:count, self.place]
-        moment = moment - taken[:, -1]
-        solution = self.solution.mean[:count]
-        off = values - solution
-        return self.solution.evidence + float(off @ (moment - own @ solution) - 0.5 * off @ own @ off)
+        joined = np.concatenate([gram, self.normal.moments[:, place]], axis=1)
+        taken = gram[:count, count:] @ np.linalg.solve(gram[count:, count:], joined[count:])
+        left = joined[:count] - taken
+        return left[:, :count], left[:, -1] - left[:, :count] @ values
 
 
 @dataclass(frozen=True)

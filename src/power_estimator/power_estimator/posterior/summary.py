@@ -24,6 +24,7 @@ _MISFITS = 4  # draws of what no formula explains for each of the rest, for ends
 _TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
 _MOST = 1e12  # of a coefficient, in SI, that nothing in the signals shows: a model file's most
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
+_OFF = 2.0  # nats, from which a point is not its problem's solution, though the best there is
 FORMULA = 0.03
 """Part of a coefficient by which the textbook's formula is not that of the drive."""
 
@@ -53,14 +54,17 @@ def summarised(
     random = np.random.default_rng(seed)
     columns = meter.columns(actives, point)
     found, place = cells(meter, columns, known)
-    logs = np.array([cell.solution.evidence for cell in found])
-    weights = np.exp(logs - logsumexp(logs))
     signed = signs(actives)
+    here = np.concatenate([point[active.name][1] for active in actives]) / columns.watts
+    logs = np.array([cell.at(here) for cell in found])
+    weights = np.exp(logs - logsumexp(logs))
     taken = []
-    for cell, weight in zip(found, weights, strict=True):
+    for cell, log, weight in zip(found, logs, weights, strict=True):
         if weight >= _LEAST:
-            begun = cell.solution.mean
-            taken.append(draws(cell.normal, place, cell.sizes, begun, signed, random, weight))
+            normal, begun = cell.normal, cell.solution.mean
+            if cell.solution.evidence - log > _OFF:
+                normal, begun = cell.about(here), np.concatenate([here, begun[len(here) :]])
+            taken.append(draws(normal, place, cell.sizes, begun, signed, random, weight))
     drawn = np.repeat(np.concatenate(taken), _MISFITS, axis=0)
     best = found[int(np.argmax(weights))]
     count = len(signed)
