@@ -13,9 +13,8 @@ from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution,
 from power_estimator.posterior.meter import MeterProblem, Point
 from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
 
-_ITERATIONS = 8
+_ITERATIONS = 6
 _SETTLED = 1.0  # nats
-_LEAST_STEP = 0.1  # of the way to the next solution
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
 _CELLS = _SIZES * len(SIZES)
@@ -105,41 +104,35 @@ def fit_set(
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
-    found: FittedSet | None = None
-    target, step = np.empty(0), 1.0
+    best: FittedSet | None = None
+    last = -np.inf
     for _ in range(_ITERATIONS):
         columns = meter.columns(actives, point)
         solutions, place = cells(meter, columns, known)
-        if len(point) == len(actives):  # before that, departures of some are not there yet
-            values = np.concatenate([point[a.name][1] for a in actives]) / columns.watts
-            logs = np.array([cell.at(values) for cell in solutions])
+        whole = len(point) == len(actives)  # before that, departures of some are not there yet
+        here = np.concatenate([point[a.name][1] for a in actives]) if whole else np.empty(0)
+        if whole:
+            logs = np.array([cell.at(here / columns.watts) for cell in solutions])
         else:
             logs = np.array([cell.solution.evidence for cell in solutions])
         evidence = float(
             logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
         )
-        last = found
-        if last is None or evidence > last.evidence:
-            if len(point) == len(actives):
-                found = FittedSet(evidence, point, place)
-            best = solutions[int(np.argmax(logs))].solution
-            target = best.mean[: len(signed)] * columns.watts
-            target, step = np.where(signed, np.maximum(target, 0.0), target), 1.0
-            if last is not None and evidence < last.evidence + _SETTLED:
-                break
-            if found is not None and 0.0 <= elsewhere - evidence < _SETTLED:
-                break
-        else:
-            step *= 0.3
-            if step < _LEAST_STEP:
-                break
-        values = target
-        if found is not None:
-            here = np.concatenate([found.point[a.name][1] for a in actives])
-            values = here + step * (target - here)
+        if whole and (best is None or evidence > best.evidence):
+            best = FittedSet(evidence, point, place)
+        if abs(evidence - last) < _SETTLED:
+            break
+        if best is not None and 0.0 <= elsewhere - best.evidence < _SETTLED:
+            break
+        likely = solutions[int(np.argmax(logs))].solution
+        values = likely.mean[: len(signed)] * columns.watts
+        values = np.where(signed, np.maximum(values, 0.0), values)
+        if evidence < last:
+            values = 0.5 * (values + here)
+        last = evidence if whole else -np.inf
         point = {active.name: (active, values[columns.places(active)]) for active in actives}
-    assert found is not None
-    return found
+    assert best is not None
+    return best
 
 
 def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
