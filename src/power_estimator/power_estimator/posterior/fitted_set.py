@@ -36,12 +36,15 @@ class Cell:
         off = self.solution.mean[: len(values)] - values
         return self.solution.evidence - float(off @ pull - 0.5 * off @ precision @ off)
 
-    def about(self, values: Floats) -> NormalEquations:
-        """Return the problem whose solution is at coefficients [n]; at 0 they may be held."""
+    def about(self, values: Floats, signed: Bools) -> 'Cell':
+        """Return the cell whose solution is at coefficients [n]; signed ones of 0 stay pulled."""
         _, pull = self._at(values)
+        pull = np.where(signed & (values == 0.0), np.maximum(pull, 0.0), pull)
         moments = self.normal.moments.copy()
-        moments[: len(values), self.place] -= np.where(values > 0, pull, np.maximum(pull, 0.0))
-        return replace(self.normal, moments=moments)
+        moments[: len(values), self.place] -= pull
+        normal = replace(self.normal, moments=moments)
+        solution = solved(normal, self.place, self.sizes, signed)
+        return replace(self, normal=normal, solution=solution)
 
     def _at(self, values: Floats) -> tuple[Floats, Floats]:
         """Precision of effects beside any nuisances [n, n], and the slope of their log [n]."""
@@ -95,41 +98,37 @@ def fit_set(
     start: Point,
     elsewhere: float = np.inf,
 ) -> FittedSet:
-    """Fit a set of effects, each time linearised about the last, until its evidence stands still.
+    """Fit a set of effects, each time linearised about the last; return its best point.
 
-    Departures are as large as the point has their effects. So what counts is the evidence of the
-    point, not that of its linearised problem, whose solution may be far off: the way there is
-    halved until there is more evidence than before. elsewhere: evidence that another start led
-    to; with nearly as much as that, this one is taken to lead there, too.
+    Departures are as large as the point has their effects. So a point counts by its own evidence,
+    and not by that of the problem linearised there, whose solution may be far off. A step after
+    which there is less is halved. elsewhere: evidence that another start led to; with nearly as
+    much as that, this one is taken to lead there, too.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
+    count = _SIZES if known_all(actives, known) else _CELLS
     best: FittedSet | None = None
-    last = -np.inf
+    here, last = np.empty(0), -np.inf
     for _ in range(_ITERATIONS):
         columns = meter.columns(actives, point)
-        solutions, place = cells(meter, columns, known)
-        whole = len(point) == len(actives)  # before that, departures of some are not there yet
-        here = np.concatenate([point[a.name][1] for a in actives]) if whole else np.empty(0)
-        if whole:
-            logs = np.array([cell.at(here / columns.watts) for cell in solutions])
-        else:
-            logs = np.array([cell.solution.evidence for cell in solutions])
-        evidence = float(
-            logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
-        )
-        if whole and (best is None or evidence > best.evidence):
-            best = FittedSet(evidence, point, place)
-        if abs(evidence - last) < _SETTLED:
-            break
-        if best is not None and 0.0 <= elsewhere - best.evidence < _SETTLED:
-            break
-        likely = solutions[int(np.argmax(logs))].solution
-        values = likely.mean[: len(signed)] * columns.watts
+        found, place = cells(meter, columns, known)
+        logs = np.array([cell.solution.evidence for cell in found])
+        evidence = -np.inf
+        if len(point) == len(actives):  # before that, departures of some are not there yet
+            here = np.concatenate([point[active.name][1] for active in actives])
+            logs = np.array([cell.at(here / columns.watts) for cell in found])
+            evidence = float(logsumexp(logs) - np.log(count))
+            if best is None or evidence > best.evidence:
+                best = FittedSet(evidence, point, place)
+            settled = abs(evidence - last) < _SETTLED
+            if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
+                break
+        values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts
         values = np.where(signed, np.maximum(values, 0.0), values)
         if evidence < last:
             values = 0.5 * (values + here)
-        last = evidence if whole else -np.inf
+        last = evidence
         point = {active.name: (active, values[columns.places(active)]) for active in actives}
     assert best is not None
     return best

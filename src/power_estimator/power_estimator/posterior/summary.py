@@ -58,13 +58,15 @@ def summarised(
     here = np.concatenate([point[active.name][1] for active in actives]) / columns.watts
     logs = np.array([cell.at(here) for cell in found])
     weights = np.exp(logs - logsumexp(logs))
+    found = [
+        cell.about(here, signed) if cell.solution.evidence - log > _OFF else cell
+        for cell, log in zip(found, logs, strict=True)
+    ]
     taken = []
-    for cell, log, weight in zip(found, logs, weights, strict=True):
+    for cell, weight in zip(found, weights, strict=True):
         if weight >= _LEAST:
-            normal, begun = cell.normal, cell.solution.mean
-            if cell.solution.evidence - log > _OFF:
-                normal, begun = cell.about(here), np.concatenate([here, begun[len(here) :]])
-            taken.append(draws(normal, place, cell.sizes, begun, signed, random, weight))
+            begun = cell.solution.mean
+            taken.append(draws(cell.normal, place, cell.sizes, begun, signed, random, weight))
     drawn = np.repeat(np.concatenate(taken), _MISFITS, axis=0)
     best = found[int(np.argmax(weights))]
     count = len(signed)
