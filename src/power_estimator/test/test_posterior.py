@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
-from power_estimator.posterior.fitted_set import Cell
+from power_estimator.effects.signals.prepared import prepare
+from power_estimator.posterior import fitted_set
+from power_estimator.posterior.fitted_set import Cell, fit_set, settle
 from power_estimator.posterior.gaussian import (
     NormalEquations,
     Standing,
@@ -16,16 +18,20 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
+from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.odds import has_wholes, prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
+from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.stand_ins import InSet, LogOdds, StandIn
-from power_estimator.posterior.summary import by_cause
+from power_estimator.posterior.summary import by_cause, summarised
 from scipy.special import expit, logit
+from truth_circuit import Truth, record
 
 COLUMN = np.array([1.0, 2.0, 2.0])
 EFFECTS = builtin_catalogue()
+KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
 TARGET = np.array([1.0, 1.0, 3.0])
 
 
@@ -298,3 +304,28 @@ def test_heating_is_there_with_copper_loss_only_also_where_each_drive_has_its_ow
     assert not has_wholes([heating])
     assert has_wholes([heating, copper])
     assert has_wholes([heating, own])
+
+
+@pytest.fixture(scope='module')
+def meter():
+    truth = Truth(dict.fromkeys(KNOWN, 1.0), 'walk', 20.0, 1)
+    prepared = prepare(record(truth).drives(['LF_KFE']))
+    own = replace(prepared, signals=with_quiet_rates(prepared.signals))
+    return MeterProblem(own, [Active.of(EFFECTS['shaft'])], None)
+
+
+def test_a_set_without_effects_has_evidence_and_draws(meter):
+    assert settle(meter, [], [], []) == {}
+    found = fit_set(meter, [], [], {})
+    assert np.isfinite(found.evidence)
+    assert summarised(meter, [], [], {}).coefficients == {}
+
+
+@pytest.mark.parametrize('factor', [0.2, 1.0, 5.0])
+def test_a_fit_ends_at_no_worse_a_point_than_it_began(meter, monkeypatch, factor):
+    actives = [Active.of(EFFECTS[name]) for name in KNOWN]
+    point = settle(meter, actives, actives, KNOWN)
+    start = {name: (active, factor * values) for name, (active, values) in point.items()}
+    found = fit_set(meter, actives, KNOWN, start)
+    monkeypatch.setattr(fitted_set, '_ITERATIONS', 1)
+    assert found.evidence >= fit_set(meter, actives, KNOWN, start).evidence

@@ -37,7 +37,10 @@ class Cell:
         return self.solution.evidence - float(off @ pull - 0.5 * off @ precision @ off)
 
     def about(self, values: Floats, signed: Bools) -> 'Cell':
-        """Return the cell whose solution is at coefficients [n]; signed ones of 0 stay pulled."""
+        """Return the cell whose solution is at coefficients [n].
+
+        A signed one at 0 that is pulled below 0 stays so.
+        """
         _, pull = self._at(values)
         pull = np.where(signed & (values == 0.0), np.maximum(pull, 0.0), pull)
         moments = self.normal.moments.copy()
@@ -47,7 +50,7 @@ class Cell:
         return replace(self, normal=normal, solution=solution)
 
     def _at(self, values: Floats) -> tuple[Floats, Floats]:
-        """Precision of effects beside any nuisances [n, n], and the slope of their log [n]."""
+        """Precision of effects beside any nuisances [n, n], and the log density's slope [n]."""
         count, place = len(values), slice(self.place, self.place + 1)
         gram = self.normal.gram + np.diag(self.sizes**-2.0)
         joined = np.concatenate([gram, self.normal.moments[:, place]], axis=1)
@@ -68,6 +71,11 @@ class FittedSet:
 def signs(actives: Sequence[Active]) -> Bools:
     """Mark coefficients that may not be negative [n]."""
     return np.array([term.lower >= 0 for a in actives for term in a.effect.terms], dtype=bool)
+
+
+def values_of(point: Point, actives: Sequence[Active]) -> Floats:
+    """Coefficients of a point in SI, in the order of its effects [n]."""
+    return np.concatenate([np.empty(0), *(point[active.name][1] for active in actives)])
 
 
 def cells(
@@ -98,12 +106,12 @@ def fit_set(
     start: Point,
     elsewhere: float = np.inf,
 ) -> FittedSet:
-    """Fit a set of effects, each time linearised about the last; return its best point.
+    """Fit a set of effects, each time linearised about the last; return the best point of these.
 
     Departures are as large as the point has their effects. So a point counts by its own evidence,
-    and not by that of the problem linearised there, whose solution may be far off. A step after
-    which there is less is halved. elsewhere: evidence that another start led to; with nearly as
-    much as that, this one is taken to lead there, too.
+    and not by that of the problem linearised there, whose solution may be far off. From a point
+    with less than the last, the next step goes half of the way. elsewhere: evidence that another
+    start led to; with nearly as much as that, this one is taken to lead there, too.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
@@ -116,7 +124,7 @@ def fit_set(
         logs = np.array([cell.solution.evidence for cell in found])
         evidence = -np.inf
         if len(point) == len(actives):  # before that, departures of some are not there yet
-            here = np.concatenate([point[active.name][1] for active in actives])
+            here = values_of(point, actives)
             logs = np.array([cell.at(here / columns.watts) for cell in found])
             evidence = float(logsumexp(logs) - np.log(count))
             if best is None or evidence > best.evidence:

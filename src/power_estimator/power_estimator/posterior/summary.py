@@ -9,7 +9,7 @@ from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns, explained, less
-from power_estimator.posterior.fitted_set import cells, signs
+from power_estimator.posterior.fitted_set import cells, signs, values_of
 from power_estimator.posterior.gaussian import draws
 from power_estimator.posterior.meter import (
     FRICTIONS,
@@ -24,7 +24,7 @@ _MISFITS = 4  # draws of what no formula explains for each of the rest, for ends
 _TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
 _MOST = 1e12  # of a coefficient, in SI, that nothing in the signals shows: a model file's most
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
-_OFF = 2.0  # nats, from which a point is not its problem's solution, though the best there is
+_OFF = 2.0  # nats that a point may lack of its problem's solution until draws are about itself
 FORMULA = 0.03
 """Part of a coefficient by which the textbook's formula is not that of the drive."""
 
@@ -55,7 +55,7 @@ def summarised(
     columns = meter.columns(actives, point)
     found, place = cells(meter, columns, known)
     signed = signs(actives)
-    here = np.concatenate([point[active.name][1] for active in actives]) / columns.watts
+    here = values_of(point, actives) / columns.watts
     logs = np.array([cell.at(here) for cell in found])
     weights = np.exp(logs - logsumexp(logs))
     found = [
