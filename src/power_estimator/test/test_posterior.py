@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
+from power_estimator.effects.signals.prepared import prepare
+from power_estimator.posterior import fitted_set
+from power_estimator.posterior.fitted_set import Cell, fit_set, settle
 from power_estimator.posterior.gaussian import (
     NormalEquations,
     Standing,
@@ -15,16 +18,20 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
+from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.odds import has_wholes, prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
+from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.stand_ins import InSet, LogOdds, StandIn
-from power_estimator.posterior.summary import by_cause
+from power_estimator.posterior.summary import by_cause, summarised
 from scipy.special import expit, logit
+from truth_circuit import Truth, record
 
 COLUMN = np.array([1.0, 2.0, 2.0])
 EFFECTS = builtin_catalogue()
+KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
 TARGET = np.array([1.0, 1.0, 3.0])
 
 
@@ -126,6 +133,48 @@ def test_half_of_a_coefficients_evidence_lies_on_either_side_of_zero():
         solved(normal, 0, np.ones(1), np.array([own])).evidence for own in (False, True)
     )
     assert signed == pytest.approx(free)  # twice the prior's density on half of the posterior
+
+
+def cell_of(columns, target, sizes, signed):
+    """A cell of columns [N, n + z] and a target [N], of which the first n are effects."""
+    normal = of_columns(columns, target[:, None])
+    return Cell(normal, sizes, solved(normal, 0, sizes, signed), 0)
+
+
+def test_the_evidence_of_a_point_falls_with_its_distance_from_the_solution():
+    cell = cell_of(COLUMN[:, None], TARGET, np.array([2.0]), np.array([False]))
+    assert cell.at(cell.solution.mean) == pytest.approx(cell.solution.evidence)
+    # The precision is x·x + 1/4 = 9.25, the solution 9/9.25: ½·9.25·(1 − 9/9.25)² is lost at 1.
+    lost = 0.5 * 9.25 * (1 - 9 / 9.25) ** 2
+    assert cell.at(np.array([1.0])) == pytest.approx(cell.solution.evidence - lost)
+
+
+def test_nuisances_go_along_with_a_point():
+    random = np.random.default_rng(3)
+    columns, target = random.normal(size=(12, 3)), random.normal(size=12)
+    cell = cell_of(columns, target, np.ones(3), np.zeros(1, dtype=bool))
+    beside = np.eye(12) + columns[:, 1:] @ columns[:, 1:].T  # covariance, nuisances in it
+
+    def log(value):
+        return log_density(target - columns[:, 0] * value, beside) - 0.5 * value**2
+
+    assert cell.at(np.array([0.7])) - cell.at(np.array([-0.2])) == pytest.approx(
+        log(0.7) - log(-0.2)
+    )
+
+
+def test_a_problem_about_a_point_has_its_solution_there_and_keeps_its_spread():
+    random = np.random.default_rng(5)
+    columns, target = random.normal(size=(12, 3)), random.normal(size=12)
+    signed = np.array([True, False])
+    cell = cell_of(columns, target, np.ones(3), signed)
+    for values in (np.array([0.8, -0.4]), np.array([0.0, 0.3])):
+        moved = cell.about(values, signed)
+        assert moved.solution.mean[:2] == pytest.approx(values, abs=1e-4)
+    moved = cell.about(np.array([0.8, -0.4]), signed)
+    assert moved.solution.covariance == pytest.approx(
+        cell_of(columns, target + 9 * columns[:, 0], np.ones(3), signed).solution.covariance
+    )
 
 
 @pytest.mark.parametrize('target', [-3.0, 0.0, 3.0])
@@ -255,3 +304,28 @@ def test_heating_is_there_with_copper_loss_only_also_where_each_drive_has_its_ow
     assert not has_wholes([heating])
     assert has_wholes([heating, copper])
     assert has_wholes([heating, own])
+
+
+@pytest.fixture(scope='module')
+def meter():
+    truth = Truth(dict.fromkeys(KNOWN, 1.0), 'walk', 20.0, 1)
+    prepared = prepare(record(truth).drives(['LF_KFE']))
+    own = replace(prepared, signals=with_quiet_rates(prepared.signals))
+    return MeterProblem(own, [Active.of(EFFECTS['shaft'])], None)
+
+
+def test_a_set_without_effects_has_evidence_and_draws(meter):
+    assert settle(meter, [], [], []) == {}
+    found = fit_set(meter, [], [], {})
+    assert np.isfinite(found.evidence)
+    assert summarised(meter, [], [], {}).coefficients == {}
+
+
+@pytest.mark.parametrize('factor', [0.2, 1.0, 5.0])
+def test_a_fit_ends_at_no_worse_a_point_than_it_began(meter, monkeypatch, factor):
+    actives = [Active.of(EFFECTS[name]) for name in KNOWN]
+    point = settle(meter, actives, actives, KNOWN)
+    start = {name: (active, factor * values) for name, (active, values) in point.items()}
+    found = fit_set(meter, actives, KNOWN, start)
+    monkeypatch.setattr(fitted_set, '_ITERATIONS', 1)
+    assert found.evidence >= fit_set(meter, actives, KNOWN, start).evidence

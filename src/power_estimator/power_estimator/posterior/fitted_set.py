@@ -1,7 +1,7 @@
 """Sets of effects fitted to one meter, each at its own point."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -28,6 +28,35 @@ class Cell:
     normal: NormalEquations
     sizes: Floats  # [n + z]
     solution: Solution
+    place: int  # of the delay
+
+    def at(self, values: Floats) -> float:
+        """Evidence about coefficients [n] in place of the solution, in nats."""
+        precision, pull = self._at(values)
+        off = self.solution.mean[: len(values)] - values
+        return self.solution.evidence - float(off @ pull - 0.5 * off @ precision @ off)
+
+    def about(self, values: Floats, signed: Bools) -> 'Cell':
+        """Return the cell whose solution is at coefficients [n].
+
+        A signed one at 0 that is pulled below 0 stays so.
+        """
+        _, pull = self._at(values)
+        pull = np.where(signed & (values == 0.0), np.maximum(pull, 0.0), pull)
+        moments = self.normal.moments.copy()
+        moments[: len(values), self.place] -= pull
+        normal = replace(self.normal, moments=moments)
+        solution = solved(normal, self.place, self.sizes, signed)
+        return replace(self, normal=normal, solution=solution)
+
+    def _at(self, values: Floats) -> tuple[Floats, Floats]:
+        """Precision of effects beside any nuisances [n, n], and the log density's slope [n]."""
+        count, place = len(values), slice(self.place, self.place + 1)
+        gram = self.normal.gram + np.diag(self.sizes**-2.0)
+        joined = np.concatenate([gram, self.normal.moments[:, place]], axis=1)
+        taken = gram[:count, count:] @ np.linalg.solve(gram[count:, count:], joined[count:])
+        left = joined[:count] - taken
+        return left[:, :count], left[:, -1] - left[:, :count] @ values
 
 
 @dataclass(frozen=True)
@@ -42,6 +71,11 @@ class FittedSet:
 def signs(actives: Sequence[Active]) -> Bools:
     """Mark coefficients that may not be negative [n]."""
     return np.array([term.lower >= 0 for a in actives for term in a.effect.terms], dtype=bool)
+
+
+def values_of(point: Point, actives: Sequence[Active]) -> Floats:
+    """Coefficients of a point in SI, in the order of its effects [n]."""
+    return np.concatenate([np.empty(0), *(point[active.name][1] for active in actives)])
 
 
 def cells(
@@ -61,7 +95,7 @@ def cells(
         normal = normals.at(k)
         for size in SIZES if not flat.all() else SIZES[:1]:
             spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
-            out.append(Cell(normal, spread, solved(normal, place, spread, signed)))
+            out.append(Cell(normal, spread, solved(normal, place, spread, signed), place))
     return out, place
 
 
@@ -72,38 +106,40 @@ def fit_set(
     start: Point,
     elsewhere: float = np.inf,
 ) -> FittedSet:
-    """Fit a set of effects, each time linearised about the last, until its evidence stands still.
+    """Fit a set of effects, each time linearised about the last; return the best point of these.
 
-    What counts is the last step: a point that is not its own solution may have more evidence,
-    since large coefficients may depart further from their formulas. A step after which there is
-    less evidence than before is halved. elsewhere: evidence that another start led to; with
-    nearly as much as that, this one is taken to lead there, too.
+    Departures are as large as the point has their effects. So a point counts by its own evidence,
+    and not by that of the problem linearised there, whose solution may be far off. From a point
+    with less than the last, the next step goes half of the way. elsewhere: evidence that another
+    start led to; with nearly as much as that, this one is taken to lead there, too.
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
-    found: FittedSet | None = None
+    count = _SIZES if known_all(actives, known) else _CELLS
+    best: FittedSet | None = None
+    here, last = np.empty(0), -np.inf
     for _ in range(_ITERATIONS):
         columns = meter.columns(actives, point)
-        solutions, place = cells(meter, columns, known)
-        logs = np.array([cell.solution.evidence for cell in solutions])
-        evidence = float(
-            logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
-        )
-        last = found
+        found, place = cells(meter, columns, known)
+        logs = np.array([cell.solution.evidence for cell in found])
+        evidence = -np.inf
         if len(point) == len(actives):  # before that, departures of some are not there yet
-            found = FittedSet(evidence, point, place)
-        if last is not None and abs(evidence - last.evidence) < _SETTLED:
-            break
-        if found is not None and 0.0 <= elsewhere - evidence < _SETTLED:
-            break
-        best = solutions[int(np.argmax(logs))].solution
-        values = best.mean[: len(signed)] * columns.watts
+            here = values_of(point, actives)
+            logs = np.array([cell.at(here / columns.watts) for cell in found])
+            evidence = float(logsumexp(logs) - np.log(count))
+            if best is None or evidence > best.evidence:
+                best = FittedSet(evidence, point, place)
+            settled = abs(evidence - last) < _SETTLED
+            if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
+                break
+        values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts
         values = np.where(signed, np.maximum(values, 0.0), values)
-        if last is not None and evidence < last.evidence:
-            values = 0.5 * (values + np.concatenate([point[a.name][1] for a in actives]))
+        if evidence < last:
+            values = 0.5 * (values + here)
+        last = evidence
         point = {active.name: (active, values[columns.places(active)]) for active in actives}
-    assert found is not None
-    return found
+    assert best is not None
+    return best
 
 
 def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:

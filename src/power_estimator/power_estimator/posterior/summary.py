@@ -9,7 +9,7 @@ from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns, explained, less
-from power_estimator.posterior.fitted_set import cells, signs
+from power_estimator.posterior.fitted_set import cells, signs, values_of
 from power_estimator.posterior.gaussian import draws
 from power_estimator.posterior.meter import (
     FRICTIONS,
@@ -24,6 +24,7 @@ _MISFITS = 4  # draws of what no formula explains for each of the rest, for ends
 _TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
 _MOST = 1e12  # of a coefficient, in SI, that nothing in the signals shows: a model file's most
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
+_OFF = 2.0  # nats that a point may lack of its problem's solution until draws are about itself
 FORMULA = 0.03
 """Part of a coefficient by which the textbook's formula is not that of the drive."""
 
@@ -53,9 +54,14 @@ def summarised(
     random = np.random.default_rng(seed)
     columns = meter.columns(actives, point)
     found, place = cells(meter, columns, known)
-    logs = np.array([cell.solution.evidence for cell in found])
-    weights = np.exp(logs - logsumexp(logs))
     signed = signs(actives)
+    here = values_of(point, actives) / columns.watts
+    logs = np.array([cell.at(here) for cell in found])
+    weights = np.exp(logs - logsumexp(logs))
+    found = [
+        cell.about(here, signed) if cell.solution.evidence - log > _OFF else cell
+        for cell, log in zip(found, logs, strict=True)
+    ]
     taken = []
     for cell, weight in zip(found, weights, strict=True):
         if weight >= _LEAST:
