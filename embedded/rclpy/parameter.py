@@ -14,7 +14,10 @@ ELEMENTS = {'BYTE_ARRAY': bytes, **{f'{name}_ARRAY': kind for name, kind in SING
 
 
 class Parameter:
-    """A name, a type and a value."""
+    """A name, a type (that of the value if not given) and a value.
+
+    TypeError for a value without a type, ValueError where both disagree.
+    """
 
     class Type(Enum):
         """Types of parameters."""

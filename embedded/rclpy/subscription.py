@@ -18,7 +18,7 @@ BATCH = 32
 
 
 class SubscriptionHandle:
-    """Takes the messages of a subscription that no executor serves."""
+    """Handle of a subscription, as a context manager; takes messages where no executor does."""
 
     def __init__(self, reader: Any, batch: int, topic: str, logger: Any):
         self._reader, self._batch = reader, batch

@@ -146,7 +146,10 @@ class Card:
         return replace(parse(cls, known, where), other=other)
 
     def with_formulas(self, formulas: Mapping[str, str]) -> Self:
-        """Return the card with the formulas of drives whose power a firmware computes."""
+        """Return the card with these formulas for the former ones, by drive.
+
+        The power of these drives is marked as computed. Itself for none.
+        """
         if not formulas:
             return self
         power = {**self.power, **dict.fromkeys(formulas, _COMPUTED)}

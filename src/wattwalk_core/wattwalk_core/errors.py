@@ -16,7 +16,7 @@ def quoted(value: object) -> str:
 
 
 def printable(text: str, longest: int = 200) -> str:
-    """Replace line breaks by spaces and escape control characters; shorten long texts."""
+    """Make white space single blanks, escape control characters, cut to `longest` characters."""
     line = ' '.join(text.split())
     line = ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in line)
     return line if len(line) <= longest else f'{line[:longest]}…'

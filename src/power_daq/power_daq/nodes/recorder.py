@@ -89,7 +89,11 @@ class RecorderNode(Node):
         return PolledTopic[bytes](self, kind, name, qos, raw=True, events=events)
 
     def stop(self) -> int:
-        """Close the bag, complete its card and print a summary; 1 for a bag without messages."""
+        """Close the bag, complete its card and print a summary.
+
+        Return 1 for a bag without messages or, where it waits for samples, without any of power.
+        Errors of closing are raised.
+        """
         if sys.stdout.isatty():
             print()
         self.poll()

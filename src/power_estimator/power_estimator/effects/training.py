@@ -203,7 +203,8 @@ def _require_usable(prepared: Prepared, effects: Sequence[Active]) -> None:
                 '(card.yaml), which has it in already; leave it out, or say `torque: joint` in '
                 'the card if a sensor at the joint measured it'
             )
-        if any(active.effect.usable(signals, **s) for s in active.effect.shapes_of(prepared.scale)):
+        shapes = active.effect.shapes_of(prepared.scale)
+        if any(active.effect.usable(signals, **shape) for shape in shapes):
             continue
         if signals.steady:
             raise InputError(

@@ -1,4 +1,7 @@
-"""Diagnosis of a model: the posterior of what it lacks, beside errors on held-out data."""
+"""Diagnosis of a model: the posterior of what it lacks, beside errors on held-out data.
+
+Sets of effects are searched in `power_estimator.posterior.search`.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

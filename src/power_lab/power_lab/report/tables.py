@@ -262,7 +262,7 @@ def balance_lines(data: AlignedDataset, balances: Mapping[str, ShaftBalance]) ->
 
 
 def balances_json(balances: Mapping[str, ShaftBalance]) -> dict[str, dict[str, float]]:
-    """Return slope, error, share and R² by drive, for JSON."""
+    """Return by drive: slope W/W, its standard error, share of the variance and R², for JSON."""
     fields = ('slope', 'error', 'share', 'r2')
     return {
         name: {field: float(np.round(getattr(balance, field), 6)) for field in fields}

@@ -60,7 +60,7 @@ def words(address: str) -> str:
 
 
 def kind_of(address: str, unit: str = '') -> Kind:
-    """Return whether a column is a current, a voltage, a duty cycle or an energy counter."""
+    """Return the kind of a column by its name, else by its unit; '' of none (amp-hours, too)."""
     name = words(address)
     return next((kind for kind, rule in _KINDS if re.search(rule, name)), _OF_UNIT.get(unit, ''))
 

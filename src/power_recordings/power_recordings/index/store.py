@@ -113,7 +113,7 @@ class IndexAnswer:
 
 
 def usual_path() -> Path | None:
-    """Return the file that WATTWALK_INDEX names, else one in the user's cache; None for none."""
+    """Return the path that WATTWALK_INDEX names, None where it is empty; else one in the cache."""
     named = os.environ.get(ENVIRONMENT)
     if named is not None:
         return Path(named) if named else None

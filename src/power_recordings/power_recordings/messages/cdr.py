@@ -84,7 +84,7 @@ def definition(type_name: str) -> str:
 
 @cache
 def type_hash(type_name: str) -> str:
-    """Return the type's hash as ROS 2 computes it (REP-2016)."""
+    """Return the type's RIHS01 hash (REP-2016); InputError for an unknown type."""
     return str(typestore().hash_rihs01(full_name(type_name)))
 
 

@@ -131,7 +131,7 @@ class Columns:
             )
 
     def stamps(self) -> NDArray[np.int64]:
-        """Return the header stamps of all messages in recorded order, ns [N]."""
+        """Return the header stamps of messages in recorded order, ns [N]; no damaged ones."""
         return self.in_order([block.stamp_ns for block in self.blocks])
 
     def scalars(self, path: str) -> NDArray[Any]:

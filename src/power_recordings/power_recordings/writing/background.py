@@ -27,7 +27,10 @@ class SequenceCheck:
         self._expected: int | None = None
 
     def feed(self, cdr: bytes) -> None:
-        """Take a message's CDR bytes; a truncated one is ignored."""
+        """Count the samples of a message (CDR bytes), and those lost before it.
+
+        A truncated one is ignored.
+        """
         try:
             order = '<' if cdr[1] == 1 else '>'
             (frame,) = struct.unpack_from(f'{order}I', cdr, 12)

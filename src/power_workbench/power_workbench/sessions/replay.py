@@ -24,7 +24,7 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """True if all errors are those of the session."""
+        """Equality of meters and errors with the session's, to TOLERANCE (of 1 W below that)."""
         return self.before.keys() == self.now.keys() and all(
             abs(self.now[name] - value) <= TOLERANCE * max(abs(value), 1.0)
             for name, value in self.before.items()

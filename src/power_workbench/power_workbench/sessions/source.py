@@ -84,7 +84,7 @@ class SeenModels:
         self.budgets[key] = budget
 
     def keep_line(self, source: Source, line: Mapping[str, Any]) -> None:
-        """Keep the error of another model on recordings, in place of a former one."""
+        """Keep a line (name and error of another model), in place of a former of that name."""
         others = [one for one in self.lines.get(source, []) if one['name'] != line['name']]
         self.lines[source] = [*others, line]
 

@@ -303,9 +303,9 @@ def read_odometry(block: PlantBlock) -> OdometryReadings:
 
 @dataclass(frozen=True)
 class SupplyReadings:
-    """N readings at 100 Hz of the bench supply; current is negative while drawing."""
+    """N readings at 100 Hz of the bench supply, 10 ms means; current is negative while drawing."""
 
-    step: Steps  # [N]
+    step: Steps  # [N] since the start, of STEP
     voltage: Floats  # V [N]
     current: Floats  # A [N]
 

@@ -70,7 +70,7 @@ class ByDriveBuilder(DesignBuilder):
         return Linearisation(structure, coefficients, signals, power, passed)
 
     def build(self, structure: Structure, coefficients: Floats, *, keep: bool = False) -> Design:
-        """Linearise about coefficients [D, m]; keep: other designs begin at them, too."""
+        """Linearise about coefficients [D, m]; keep: hold the columns for other designs there."""
         if not _apart(structure.actives):
             return super().build(structure, coefficients, keep=keep)
         parts = self._each(

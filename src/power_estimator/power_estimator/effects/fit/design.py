@@ -69,7 +69,7 @@ def discrepancy_of(effect: Effect) -> Effect | None:
 
 @dataclass(frozen=True)
 class Structure:
-    """Effects of a model, in order, with the measurement terms."""
+    """Effects of a model in order, measurement terms among them; ValueError for one twice."""
 
     actives: tuple[Active, ...]
 

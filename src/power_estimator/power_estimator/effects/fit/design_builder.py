@@ -110,7 +110,7 @@ class DesignBuilder:
         return Linearisation(structure, coefficients, signals, power, passed)
 
     def build(self, structure: Structure, coefficients: Floats, *, keep: bool = False) -> Design:
-        """Linearise about coefficients [D, m]; keep: other designs begin at them, too."""
+        """Linearise about coefficients [D, m]; keep: hold the columns for other designs there."""
         place = _place_of(structure, coefficients)
         point = self.point(structure, coefficients)
         if keep and (self._begun is None or self._begun[0] != place):
