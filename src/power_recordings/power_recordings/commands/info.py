@@ -65,7 +65,7 @@ def print_quality(checked: Checked) -> None:
             _figure(drive.power_slope, '{:.2f}'),
             _figure(drive.power_share, '{:.0%}'),
             _figure(drive.velocity_slope, '{:.2f}'),
-            *(f'{_figure(a, "{:.3g}")}…{_figure(b, "{:.3g}")}' for a, b in ranges),
+            *('…'.join(dict.fromkeys(_figure(x, '{:.3g}') for x in ends)) for ends in ranges),
             f'{100 * drive.cells:.0f} %',
         )
     console.print(table)
