@@ -12,8 +12,8 @@ from power_estimator.effects.fit.design import Active, Structure, evaluate
 from power_estimator.effects.split import split
 from power_estimator.live.estimator import stream_of
 from power_lab.budget import choice
-from power_lab.budget.account import headline
 from power_lab.budget.levers import Lever, carried_over, parse_changes
+from power_lab.budget.tables import headline
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
 from power_lab.commands.arguments import budget as budget_command
 from wattwalk_core.errors import InputError

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_recordings.alignment.signals import is_rate, stands_still, unwrapped
+from power_recordings.alignment.positions import is_rate, stands_still, unwrapped
 
 TIME = np.arange(2000) / 100.0
 VELOCITY = np.float32(10.0 * np.sin(2 * np.pi * 0.1 * TIME) + 5.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from power_lab.budget.account import headline
+from power_lab.budget.tables import headline
 from power_lab.commands.arguments import add as add_command
 from power_lab.commands.arguments import compare as compare_command
 from power_lab.commands.arguments import fit as fit_command

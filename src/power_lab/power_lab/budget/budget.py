@@ -14,9 +14,10 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.judge.judge import Judge
 from wattwalk_core.arrays import Floats
 
-from power_lab.budget.account import Account, BudgetDifference, headline, tables
+from power_lab.budget.account import Account, BudgetDifference
 from power_lab.budget.accounts import DRAWS, Accounts, PartsOverTime
 from power_lab.budget.levers import Lever, saved
+from power_lab.budget.tables import headline, tables
 from power_lab.budget.tally import Tally, interval
 
 

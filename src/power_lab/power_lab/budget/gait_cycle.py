@@ -9,8 +9,8 @@ import numpy as np
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from wattwalk_core.arrays import Bools, Floats
 
-from power_lab.budget.account import family_of
 from power_lab.budget.accounts import PartsOverTime
+from power_lab.budget.families import family_of
 
 _BINS: Final = 24  # at most; strides of half a second have 25 rows
 _CYCLES: Final = (0.2, 3.0)  # s, that a stride lasts

@@ -16,10 +16,12 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
-from power_lab.budget.account import FAMILIES, Account, family_of, headline, in_words
+from power_lab.budget.account import Account
 from power_lab.budget.budget import Budget
 from power_lab.budget.efficiency_map import EfficiencyMap, efficiency_maps
+from power_lab.budget.families import FAMILIES, family_of
 from power_lab.budget.gait_cycle import GaitCyclePower
+from power_lab.budget.tables import headline, in_words
 
 
 def write_budget(path: Path, budget: Budget) -> None:

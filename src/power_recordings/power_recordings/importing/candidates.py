@@ -11,9 +11,9 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.listing import Listed
-from power_recordings.importing.origin import words
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.units import quantities_of
+from power_recordings.importing.words import words
 
 MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
 _MOTION: Final = MECHANICAL[:3]  # a current alone may be one of three phases

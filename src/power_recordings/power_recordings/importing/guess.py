@@ -25,8 +25,8 @@ from power_recordings.importing.evidence import (
 )
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
-from power_recordings.importing.origin import words
 from power_recordings.importing.time_guess import time_line, yaml_text
+from power_recordings.importing.words import words
 
 _GUESSED_UNIT: Final = {
     'position': 'rad',

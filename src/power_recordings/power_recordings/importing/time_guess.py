@@ -10,8 +10,8 @@ from wattwalk_core.errors import printable
 
 from power_recordings.importing.candidates import CandidateColumn
 from power_recordings.importing.listing import Listed
-from power_recordings.importing.origin import words
 from power_recordings.importing.times import is_date, is_time_of_day
+from power_recordings.importing.words import words
 
 _TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 _RATES: Final = (5.0, 2e4)  # Hz

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from wattwalk_core.arrays import Floats
 
-from power_recordings.alignment.signals import stands_still
+from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
 from power_recordings.quality.findings import (

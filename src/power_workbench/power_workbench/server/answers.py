@@ -11,7 +11,7 @@ import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.result import over_meters
-from power_lab.budget.account import FAMILIES
+from power_lab.budget.families import FAMILIES
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import read_yaml

@@ -13,10 +13,10 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.judge.result import over_meters
 from power_estimator.loader import load_model
-from power_lab.budget.account import headline
 from power_lab.budget.budget import Budget
 from power_lab.budget.efficiency_map import efficiency_maps
 from power_lab.budget.gait_cycle import GaitCyclePower
+from power_lab.budget.tables import headline
 from power_lab.challenge.bench_recording import record_on_bench, shortened
 from power_lab.compare.comparison import compare
 from power_lab.session import Session

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.alignment.signals import stands_still
+from power_recordings.alignment.positions import stands_still
 from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 

@@ -1,0 +1,182 @@
+"""Budgets as tables to print."""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import isfinite
+from typing import Any
+
+from power_estimator.effects.signals.prepared import WHOLE
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from power_lab.budget.account import Account, BudgetDifference, Share
+from power_lab.budget.families import FAMILIES, family_of
+from power_lab.budget.levers import Lever
+from power_lab.budget.tally import ELECTRONICS, UNEXPLAINED
+
+_WIDTH = 100
+_COLUMNS = 6  # members or phases side by side
+
+
+def in_words(name: str) -> str:
+    """A part's name for readers."""
+    return name.replace('_', ' ')
+
+
+def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
+    """Mean power, its three largest kinds of parts, the best lever, and what is unexplained."""
+    watts, _ = account.power()
+    shares = account.shares(account.first)
+    kinds: dict[str, float] = defaultdict(float)
+    for one in shares:
+        kinds[family_of(one.effect)] += one.mean_w
+    del kinds[UNEXPLAINED]
+    largest = sorted(kinds, key=lambda kind: -kinds[kind])
+    named = [kind for kind in largest if kinds[kind] > 0.0][:3]
+    if watts <= 0.0:  # what a brake gives back has no shares
+        named = []
+    parts = ', '.join(f'{FAMILIES[kind][0]} {_percent(kinds[kind] / watts)}' for kind in named)
+    which = 'the robot' if account.first == WHOLE else account.first
+    said = f'{which} draws {watts:.1f} W'
+    said += f': {parts}; {_unexplained(shares, watts)} is unexplained' if named else ''
+    sure = [one for one in levers if one.interval[1] < 0.0 and ',' not in one.change]
+    if not sure:
+        return said
+    best = min(sure, key=lambda one: one.mean_w)
+    name, _, factor = best.change.partition('=')
+    if name == 'payload':
+        name = 'weight to carry'
+    elif name == 'idle' and 'idle' not in {one.effect for one in shares}:
+        name = ELECTRONICS  # a robot with one meter
+    by = 100.0 * (float(factor) - 1.0)
+    change = f'{abs(by):.3g} % {"less" if by < 0.0 else "more"}'
+    return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.1f} W'
+
+
+def _unexplained(shares: Sequence[Share], watts: float) -> str:
+    """Per cent of the power that is unexplained, with its interval where there is one."""
+    (rest,) = (one for one in shares if one.effect == UNEXPLAINED)
+    low, high = (100.0 * end / watts for end in rest.interval)
+    between = f' ({low:.0f} … {high:.0f} %)' if isfinite(high - low) else ''
+    return f'{_percent(rest.mean_w / watts)}{between}'
+
+
+def tables(
+    sentence: str,
+    model: str,
+    accounts: Sequence[Account],
+    differences: Sequence[BudgetDifference],
+    levers: Sequence[Lever],
+    refused: Sequence[str],
+    battery: float | None,
+) -> str:
+    """Parts by size, by drive and by phase, levers, hours and differences, as text.
+
+    accounts: of all recordings as one, then of each. battery: Wh.
+    """
+    made = _of_account(accounts[0])
+    if battery:
+        made.append(_hours(accounts, battery))
+    if differences:
+        made.append(_differences(differences, accounts[0].first))
+    if levers:
+        made.append(_levers(levers))
+    console = Console(width=_WIDTH, highlight=False)
+    with console.capture() as found:
+        for line in (sentence, f'model: {model}'):
+            console.print(line, markup=False)
+        for table in made:
+            console.print(table)
+        for reason in refused:
+            console.print(f'not carried over: {reason}', markup=False)
+    return found.get().rstrip()
+
+
+def _of_account(account: Account) -> list[Table]:
+    first = account.first
+    made = [_parts(account, first)]
+    members = [name for name in account.tallies if name != first]
+    types = [name for name in members if account.tallies[name].drives > 1]
+    phases = [p for p in account.phases if account.shares(first, p)]
+    of_phase, title = partial(account.shares, first), f'mean power of {first} in W by phase'
+    by_drive = f'mean power in W by {"type, of all its drives" if types else "drive"}'
+    made += [_side_by_side(by_drive, some, account.shares) for some in _abreast(types or members)]
+    made += [_side_by_side(title, some, of_phase) for some in _abreast(phases)]
+    return made
+
+
+def _parts(account: Account, member: str) -> Table:
+    table = _table(f'{member}: {account.energy_wh:.3g} Wh metered', 'W', '90 % interval', 'share')
+    for share in sorted(account.shares(member), key=_order):
+        low, high = share.interval
+        cells = f'{share.mean_w:.2f}', f'{low:.2f} … {high:.2f}', _percent(share.share)
+        table.add_row(in_words(share.effect), *cells)
+    watts, (low, high) = account.power()
+    table.add_row('metered', f'{watts:.2f}', f'{low:.2f} … {high:.2f}', '100 %')
+    return table
+
+
+def _side_by_side(
+    title: str, columns: Sequence[str], shares: Callable[[str], list[Share]]
+) -> Table:
+    table = _table(title, *columns)
+    found = {column: {s.effect: s for s in shares(column)} for column in columns}
+    every = {s.effect: s for own in found.values() for s in own.values()}
+    for effect, _ in sorted(every.items(), key=lambda item: _order(item[1])):
+        cells = [f'{own[effect].mean_w:.2f}' if effect in own else '–' for own in found.values()]
+        table.add_row(in_words(effect), *cells)
+    return table
+
+
+def _hours(accounts: Sequence[Account], battery: float) -> Table:
+    table = _table(f'hours from {battery:g} Wh', 'h', '90 % interval')
+    rows: list[tuple[str, dict[str, Any] | None]] = [*accounts[0].runtime(battery).items()]
+    if len(accounts) > 2:
+        rows += [(one.name, one.runtime(battery).get('all')) for one in accounts[1:]]
+    for name, found in rows:
+        if found is not None:
+            low, high = found['interval']
+            ends = f'{low:.2f} … ' + ('∞' if high is None else f'{high:.2f}')
+            table.add_row(name, f'{found["hours"]:.2f}', ends)
+    return table
+
+
+def _differences(differences: Sequence[BudgetDifference], member: str) -> Table:
+    table = _table(f'against {differences[0].against}', 'W', '90 % interval')
+    for one in differences:
+        if one.drive == member and one.phase == 'all':
+            table.add_row(f'{one.recording}: {in_words(one.effect)}', *_signed(one))
+    return table
+
+
+def _levers(levers: Sequence[Lever]) -> Table:
+    table = _table('change of the mean power at the same motion', 'W', '90 % interval')
+    for lever in levers:
+        table.add_row(lever.change, *_signed(lever))
+    return table
+
+
+def _signed(one: Lever | BudgetDifference) -> tuple[str, str]:
+    return f'{one.mean_w:+.2f}', '{:+.2f} … {:+.2f}'.format(*one.interval)
+
+
+def _table(title: str, *numbers: str) -> Table:
+    table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column('')
+    for name in numbers:
+        table.add_column(name, justify='right')
+    return table
+
+
+def _abreast(names: Sequence[str]) -> list[Sequence[str]]:
+    return [names[start : start + _COLUMNS] for start in range(0, len(names), _COLUMNS)]
+
+
+def _order(share: Share) -> tuple[bool, float]:
+    return share.effect == UNEXPLAINED, -share.mean_w
+
+
+def _percent(share: float | None) -> str:
+    return '–' if share is None else f'{round(100.0 * share, 1) + 0.0:.1f} %'  # no −0.0
