@@ -11,7 +11,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import MeterProblem, Point
-from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
+from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SHARES, SIZES
 
 _ITERATIONS = 6
 _SETTLED = 1.0  # nats
@@ -84,17 +84,22 @@ def cells(
     """Solve a linearised set at all sizes, at the best delay."""
     actives = columns.actives
     signed = signs(actives)
-    flat = np.array([a.name in known for a in actives for _ in a.effect.terms], dtype=bool)
+    names = [a.name for a in actives for _ in a.effect.terms]
+    flat = np.array([name in known for name in names], dtype=bool)
     ones = np.ones(columns.nuisance.shape[1])
     normals = meter.normals(columns)
     middle = np.concatenate([np.where(flat, KNOWN_SIZE, LINEAR_SIZE), ones])
     logs = by_delay(normals, middle)
     place = int(np.argmax(logs.max(axis=0)))
+    shares = [(i, SHARES[name]) for i, name in enumerate(names) if name in SHARES and not flat[i]]
+    places = np.array([i for i, _ in shares], np.intp)
+    mean, own = np.array([share for _, share in shares]).reshape(-1, 2).T / columns.watts[places]
     out = []
     for k in np.flatnonzero(logs[:, place] >= logs[:, place].max() - _NEGLIGIBLE).tolist():
-        normal = normals.at(k)
+        normal = normals.at(k).centred(places, mean, own)
         for size in SIZES if not flat.all() else SIZES[:1]:
             spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
+            spread[places] = own
             out.append(Cell(normal, spread, solved(normal, place, spread, signed), place))
     return out, place
 

@@ -1,6 +1,6 @@
 """Linear Gaussian problems with the discrepancy marginalised: evidence, means and draws."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,13 @@ class NormalEquations:
         gram = self.gram[..., kept[:, None], kept]
         moments, constants = self.moments[..., kept, own], self.constants[..., own]
         return NormalEquations(self.spread, gram, moments, constants)
+
+    def centred(self, places: NDArray[np.intp], mean: Floats, spread: Floats) -> 'NormalEquations':
+        """Return the problem where signed coefficients have prior means, to be solved as before."""
+        moments = self.moments.copy()
+        moments[places] += (mean / spread**2)[:, None]
+        nats = 0.5 * np.square(mean / spread) + log_ndtr(mean / spread) + np.log(2.0)
+        return replace(self, moments=moments, constants=self.constants - nats.sum())
 
     def without(self, count: int, sizes: Floats) -> 'NormalEquations':
         """Marginalise the last columns, so many, of K problems at Q prior spreads: of K·Q."""

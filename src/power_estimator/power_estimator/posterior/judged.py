@@ -43,7 +43,8 @@ class JudgedEffects:
     candidates: tuple[JudgedEffect, ...]  # the most probable first
     any_missing: float  # probability that any effect is missing
     scales: Mapping[str, float]  # probability that the meter's gain, the torque's scale is off
-    added: tuple[Active, ...]  # the most probable set
+    known: tuple[Active, ...]  # effects of the model in their most probable shapes
+    added: tuple[Active, ...]  # and what the most probable set has beside them
     meters: tuple[MeterSummary, ...]
     left_w: float  # rms of the discrepancy
 
@@ -92,7 +93,14 @@ def judged_effects(
         # Iron loss whose current heats the winding is friction by another name.
         if not shape.get('carried')
     ]
-    search = EffectSearch(prepared, known, lacking, base, show)
+    other_shapes = [
+        Active.of(active.effect, shape)
+        for active in known
+        if active.effect.fixed is None
+        for shape in active.effect.tried_on(signals)
+        if shape != active.parameters and not shape.get('carried')
+    ]
+    search = EffectSearch(prepared, known, [*other_shapes, *lacking], base, show)
     chosen = search.run()
     points = search.settled(chosen)
     taken = [search.actives[i] for i in sorted(chosen)]
@@ -104,10 +112,14 @@ def judged_effects(
     searched = [meters[d] for d in search.searched]
     in_set = judged_set(search, chosen, searched)
     candidates = _candidates(search, chosen, meters, in_set, left)
-    added = tuple(search.actives[i] for i in sorted(chosen) if i not in search.base)
+    new = search.new_in(chosen)
+    known_now = tuple(search.actives[i] for i in sorted(chosen) if i not in new)
+    added = tuple(search.actives[i] for i in sorted(new))
     any_missing = _any_missing(search, candidates, added, left)
     scales = _scales(search, meters, in_set)
-    return JudgedEffects(candidates, any_missing, scales, added, tuple(meters), left)
+    return JudgedEffects(
+        candidates, any_missing, scales, known_now, added, tuple(meters), left
+    )
 
 
 def _candidates(
@@ -165,10 +177,12 @@ def _any_missing(
     watts = [one.explains[1] for one in candidates if one.active.name in names]
     if not watts:
         return most
-    scores = {each: search.score(each) for each in search.judged}
-    none = scores.pop(tuple(search.base))
+    some: list[float] = []
+    none: list[float] = []
+    for each in search.judged:
+        (some if search.new_in(each) else none).append(search.score(each))
     ratio = float(np.hypot.reduce(watts)) / max(left, 1e-12)
-    odds = tempered(0.0, float(logsumexp(list(scores.values()))) - none, ratio)
+    odds = tempered(0.0, float(logsumexp(some) - logsumexp(none)), ratio)
     return max(most, float(expit(odds)))
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logit
+from scipy.special import log_ndtr, logit
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.priors import (
@@ -12,6 +12,7 @@ from power_estimator.posterior.priors import (
     MISSING,
     NAMED,
     OF_USERS,
+    SHARES,
     TOLD_APART,
     USUAL,
 )
@@ -23,6 +24,21 @@ def prior_of(name: str, *, expected: bool = False) -> float:
     expected: the recording's motion and temperature are such that physics asks for it.
     """
     return EXPECTED if expected else MISSING.get(name.partition('@')[0], OF_USERS)
+
+
+def over_by_share(name: str, other: str, share: float, spread: float) -> float:
+    """Log odds of an effect over another of the same form, by the share that they take.
+
+    spread: of the share as the recording shows it. 0 for effects that are no shares of a power.
+    """
+    if name not in SHARES or other not in SHARES:
+        return 0.0
+
+    def density(mean: float, own: float) -> float:
+        variance = own**2 + spread**2
+        return -0.5 * (share - mean) ** 2 / variance - 0.5 * np.log(variance) - log_ndtr(mean / own)
+
+    return float(density(*SHARES[name]) - density(*SHARES[other]))
 
 
 def has_wholes(actives: Sequence[Active]) -> bool:

@@ -35,6 +35,15 @@ SIZES: Final = np.array([0.02, 0.1, 0.5, 2.0])
 """Prior spread of an effect's watts, of the rms power: any of these."""
 BAD_CABLE: Final = 0.1  # of the power, that a line loses: by this much its sizes are smaller
 KNOWN_SIZE: Final = 4.0  # that of effects that the model has: as good as flat
+SHARES: Final[Mapping[str, tuple[float, float]]] = {
+    'regeneration_efficiency': (0.0, 0.3),  # converters return the most of it
+    'regeneration_limit': (1.0, 0.1),  # a supply takes it or does not
+}
+"""
+Prior mean and spread of coefficients that are shares of a power, in place of sizes in watts.
+
+Both effects are one on a bench with one drive: only by how much is lost they are told apart.
+"""
 SPIKE: Final = 0.003  # of the rms power, explained by an effect that counts as absent
 DISCREPANCY: Final = np.array([2e-3, 1e-2, 3e-2, 0.1])
 DEPARTING: Final = np.array([0.02, 0.1, 0.4])

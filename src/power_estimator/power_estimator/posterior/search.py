@@ -41,7 +41,7 @@ class EffectSearch:
         base: BasePower | None = None,
         show: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """known: effects of the model; candidates: shapes of effects that it may lack.
+        """known: effects of the model; candidates: other shapes of these, and what it may lack.
 
         show: what takes the number of sets that were fitted.
         """
@@ -96,7 +96,7 @@ class EffectSearch:
             chosen = best
         else:
             self._move(chosen)
-        self.score(self.base)
+        self.score(tuple(i for i in chosen if self.names[i] in self.known))
         return chosen
 
     def _with_two(self, chosen: Chosen, here: float) -> Chosen:
@@ -114,7 +114,7 @@ class EffectSearch:
     def _pruned(self, chosen: Chosen) -> Chosen:
         """Take out effects without which a set is as good, fitted without each of them."""
         while True:
-            fewer = [tuple(i for i in chosen if i != j) for j in chosen if j not in self.base]
+            fewer = [tuple(i for i in chosen if i != j) for j in self.new_in(chosen)]
             if not fewer:
                 return chosen
             score, best = max((self.score(each), each) for each in fewer)
@@ -153,6 +153,10 @@ class EffectSearch:
             return found
         least = min(self.score(each) for each in self.judged) - self.score(chosen)
         return min(screened, least, -1.0)
+
+    def new_in(self, chosen: Chosen) -> Chosen:
+        """Effects of a set that the model lacks."""
+        return tuple(i for i in chosen if self.names[i] not in self.known)
 
     def names_of(self, chosen: Chosen) -> set[str]:
         """Effects of a set."""
@@ -283,8 +287,8 @@ class EffectSearch:
             for i, name in enumerate(self.names)
             if name == self.names[j] and i != j
         ]
-        fewer = [tuple(i for i in chosen if i != j) for j in chosen if j not in self.base]
-        swaps = [each for j in chosen if j not in self.base for each in self.swaps(chosen, j)]
+        fewer = [tuple(i for i in chosen if i != j) for j in self.new_in(chosen)]
+        swaps = [each for j in self.new_in(chosen) for each in self.swaps(chosen, j)]
         return [*self.more(chosen), *other, *fewer, *swaps]
 
     def more(self, chosen: Chosen) -> list[Chosen]:

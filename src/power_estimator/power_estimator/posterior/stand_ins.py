@@ -8,8 +8,9 @@ from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.posterior.effect_columns import explained
-from power_estimator.posterior.odds import tempered
-from power_estimator.posterior.priors import MIMICS
+from power_estimator.posterior.fitted_set import LINEAR_SIZE
+from power_estimator.posterior.odds import over_by_share, tempered
+from power_estimator.posterior.priors import MIMICS, SHARES
 from power_estimator.posterior.search import Chosen, EffectSearch
 from power_estimator.posterior.sensors import SCALES
 from power_estimator.posterior.summary import MeterSummary, rms
@@ -18,6 +19,7 @@ _STAND_INS = 3  # effects that are fitted in the place of one, the most probable
 _SCREENING = 0.5  # of evidence as linearised that, as a rule, is left once both sets are fitted
 _SURE = 6.0  # log odds over another, 400 to 1, from which it is not fitted
 _HARDLY_EVER = 3.0  # prior spreads
+_LEAST_SHOWN = 1e-9  # of a share, over its prior's spread squared
 _MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
 
 
@@ -88,9 +90,7 @@ def judged_set(
     left = np.array([max(one.discrepancy_w, 1e-12) for one in summaries])
     here, out = search.score(chosen), []
     screened = search.screened([chosen], chosen)[chosen]
-    for place in chosen:
-        if place in search.base:
-            continue
+    for place in search.new_in(chosen):
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
         own = _apart_w(search, chosen, place, None, left)
@@ -100,7 +100,7 @@ def judged_set(
         stand_ins = []
         for score, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
             other = search.prior_odds(search.names[new])
-            known = before - other
+            known = before - other + _by_share(search, chosen, name, search.names[new])
             apart = ratio_of(_apart_w(search, chosen, place, new, left), left)
             linear = known + _SCREENING * (screened - score - known)
             if LogOdds(known, linear, apart).over_other >= _SURE:
@@ -112,6 +112,24 @@ def judged_set(
             stand_ins.append(StandIn(new, each, against, alone))
         out.append(InSet(place, none, tuple(stand_ins)))
     return out
+
+
+def _by_share(search: EffectSearch, chosen: Chosen, name: str, other: str) -> float:
+    """Log odds of an effect of a set over another by the share that both take."""
+    if name not in SHARES or other not in SHARES:
+        return 0.0
+    actives = [search.actives[i] for i in chosen]
+    place = sum(len(a.effect.terms) for a in actives[: [a.name for a in actives].index(name)])
+    total = 0.0
+    for m, columns in enumerate(search.made):
+        found, watts = search.linearised(m, actives), columns.watts
+        unit = watts[columns.places(next(a for a in actives if a.name == name))][0]
+        # What is left without the prior of sets that are screened.
+        shown = 1.0 / found.covariance[place, place] - LINEAR_SIZE**-2.0
+        if shown > _LEAST_SHOWN:
+            share = unit * found.mean[place] * (1.0 + LINEAR_SIZE**-2.0 / shown)
+            total += over_by_share(name, other, share, unit / np.sqrt(shown))
+    return search.pooled * total
 
 
 def _explained_w(search: EffectSearch, chosen: Chosen, place: int) -> Floats:

@@ -99,9 +99,13 @@ class AddedEffects:
         start = self.fitter.fit(self.structure.with_discrepancies(), iterations=4)
         self.base = self.examiner.examine(start)
 
-    def added(self, actives: Sequence[Active], iterations: int = 2) -> Evidence:
-        """The base with effects, all fitted anew."""
-        whole = self.structure.plus(*actives).with_discrepancies()
+    def added(
+        self, actives: Sequence[Active], iterations: int = 2, known: Sequence[Active] = ()
+    ) -> Evidence:
+        """The base with effects, all fitted anew; known: other shapes of the base's effects."""
+        shapes = {active.name: active for active in known}
+        base = Structure(tuple(shapes.get(one.name, one) for one in self.structure.actives))
+        whole = base.plus(*actives).with_discrepancies()
         fit = self.fitter.fit(whole, self.base.fit, iterations=iterations)
         return self.examiner.examine(fit, [active.name for active in actives])
 
@@ -129,7 +133,7 @@ def diagnosed(
     show('holding the effects against held-out data')
     if delays.any():
         apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
-    best = fits.added(found.named, 3) if found.named else fits.base
+    best = fits.added(found.named, 3, found.known) if found.named else fits.base
     return Diagnosis(
         found=found,
         prepared=own.prepared,
@@ -138,7 +142,7 @@ def diagnosed(
         best=best,
         candidates=_candidates(found, fits),
         left=residual(found, fits.base, best, own.prepared),
-        raising=_raising(found.named, best, fits),
+        raising=_raising(found, best, fits),
     )
 
 
@@ -161,11 +165,12 @@ def _alike(prepared: Prepared, fit: Fit, apart: Mapping[str, Floats]) -> Prepare
     return replace(prepared, power=(prepared.power - excess).astype(prepared.power.dtype))
 
 
-def _raising(named: Sequence[Active], best: Evidence, fits: AddedEffects) -> tuple[str, ...]:
+def _raising(found: JudgedEffects, best: Evidence, fits: AddedEffects) -> tuple[str, ...]:
     """Of several names, those without which the held-out error is lower."""
-    if len(named) < 2:
+    if len(found.named) < 2:
         return ()
-    less = {a.name: fits.added([one for one in named if one is not a]) for a in named}
+    others = {a.name: [one for one in found.named if one is not a] for a in found.named}
+    less = {name: fits.added(rest, known=found.known) for name, rest in others.items()}
     return tuple(n for n, one in less.items() if one.mean_mse.sum() < best.mean_mse.sum())
 
 
