@@ -31,7 +31,8 @@ ARM = Drive(
 ALWAYS = ('copper_loss', 'idle', 'coulomb_friction', 'viscous_friction', 'rotor_inertia')
 ABSENT: Mapping[str, Mapping[str, float]] = {
     'copper_loss': {'resistance': 0.0},
-    'winding_heating': {'copper_temperature': 0.0, 'magnet_temperature': 0.0},
+    # Copper has its temperature coefficient in any drive: this one hardly warms.
+    'winding_heating': {'winding_capacity': 1e9, 'magnet_temperature': 0.0},
     'coulomb_friction': {'coulomb': 0.0},
     'viscous_friction': {'viscous': 0.0},
     'stribeck_friction': {'stribeck': 0.0},

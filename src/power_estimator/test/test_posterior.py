@@ -19,7 +19,7 @@ from power_estimator.posterior.gaussian import (
     solved,
 )
 from power_estimator.posterior.meter import MeterProblem
-from power_estimator.posterior.odds import has_wholes, prior_of, tempered
+from power_estimator.posterior.odds import has_wholes, over_by_share, prior_of, tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import representatives
@@ -135,6 +135,16 @@ def test_half_of_a_coefficients_evidence_lies_on_either_side_of_zero():
     assert signed == pytest.approx(free)  # twice the prior's density on half of the posterior
 
 
+def test_a_prior_mean_is_taken_out_of_the_power_before_it_is_explained():
+    normal = of_columns(COLUMN[:, None], TARGET[:, None])
+    mean, spread = np.array([2.0]), np.array([0.2])  # so far from 0 that the sign is known
+    moved = normal.centred(np.array([0]), mean, spread)
+    found = solved(moved, 0, spread, np.array([True]))
+    covariance = np.eye(3) + 0.04 * np.outer(COLUMN, COLUMN)
+    assert found.evidence == pytest.approx(log_density(TARGET - 2.0 * COLUMN, covariance))
+    assert found.mean[0] == pytest.approx((9.0 + 2.0 / 0.04) / (9.0 + 1 / 0.04))
+
+
 def cell_of(columns, target, sizes, signed):
     """A cell of columns [N, n + z] and a target [N], of which the first n are effects."""
     normal = of_columns(columns, target[:, None])
@@ -224,6 +234,17 @@ def test_evidence_counts_half_where_an_effect_is_as_large_as_the_discrepancy():
     assert expit(tempered(logit(USUAL), 1e4, TOLD_APART)) == pytest.approx(0.95)
     assert tempered(3.0, 9.0, 1e-3) == pytest.approx(3.0, abs=1e-3)  # what was known stays
     assert tempered(-1.0, -9.0, 0.0) == -9.0  # evidence against counts whole
+
+
+def test_blocked_and_lossy_regeneration_are_told_apart_by_the_share_that_is_lost():
+    blocked, lossy = 'regeneration_limit', 'regeneration_efficiency'
+    # N(1; 1, 0.1) over twice N(1; 0, 0.3): ln(0.3 / 0.1) − ln 2 + ½ / 0.09.
+    expected = np.log(1.5) + 0.5 / 0.09
+    assert over_by_share(blocked, lossy, 1.0, 0.0) == pytest.approx(expected)
+    assert over_by_share(lossy, blocked, 1.0, 0.0) == pytest.approx(-expected)
+    assert over_by_share(lossy, blocked, 0.5, 0.05) > 5.0
+    assert abs(over_by_share(lossy, blocked, 0.75, 0.2)) < 2.0  # not known well enough
+    assert over_by_share('load_friction', blocked, 1.0, 0.0) == 0.0
 
 
 def test_a_robots_sets_are_searched_on_the_strongest_drives_of_each_type():

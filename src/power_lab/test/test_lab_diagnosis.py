@@ -11,6 +11,8 @@ from power_lab.diagnose.measurement import measurement_terms
 from power_lab.diagnose.verdict import MOST_WORDS, remainder, sentence, to_do
 from power_lab.structure.floors import above_floor
 from truth_circuit import Faults, Truth, record
+from truths import Case
+from truths import record as record_plant
 
 CATALOGUE = builtin_catalogue()
 KNEE, LEG = ['LF_KFE'], ['LF_HAA', 'LF_HFE', 'LF_KFE']
@@ -76,6 +78,27 @@ def test_the_hidden_effect_is_named_with_its_probability_and_watts(
     assert 0.0 < best.share <= 1.0
     assert best.interval[0] < best.coefficient < best.interval[1]
     assert f'power_lab add {hidden}' in to_do(found, before, after)
+
+
+@pytest.mark.parametrize('hidden', ['regeneration_limit', 'regeneration_efficiency'])
+def test_blocked_and_lossy_regeneration_of_one_drive_are_told_apart(hidden):
+    plant = record_plant(Case('rigid', 'ladder', 60.0, 1, seed=1, hidden=(hidden,)))
+    known = [Active.of(CATALOGUE[name]) for name in plant.known]
+    found = diagnosed(material(plant.data, per='drive'), known, CATALOGUE)
+    assert (found.verdict, found.effects) == ('named', (hidden,))
+
+
+def test_a_known_effect_of_another_shape_is_not_taken_for_a_missing_one():
+    plant = record_plant(Case('rigid', 'arm', 60.0, 1, seed=3100004))
+    known = [Active.of(CATALOGUE[name]) for name in plant.known]
+    (lossy,) = (one for one in known if one.name == 'regeneration_efficiency')
+    assert lossy.parameters == {'bridge': 0.0}  # while the plant's electronics do not regenerate
+    found = diagnosed(material(plant.data, per='drive'), known, CATALOGUE)
+    assert (found.verdict, found.effects) == ('no_evidence', ())
+    own = {one.name: one for one in found.found.known}
+    assert own[lossy.name].parameters == {'bridge': 1.0}
+    (share,) = np.quantile(found.found.meters[0].coefficients[lossy.name], [0.025, 0.975], axis=0).T
+    assert share[0] < 0.2 < share[1]
 
 
 def test_two_hidden_effects_are_both_named():
