@@ -18,7 +18,7 @@ import torch
 from estimator import network
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import PowerSource, PredictedPower
+from policy_training.environment.power_source import PowerSource, PredictedPower
 from policy_training.learning.learner import Learner
 from power_estimator.network.checkpoint import FILE
 from power_estimator.network.ppn import PowerPredictionNetwork

@@ -5,7 +5,7 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import STANDARD
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import PlantPower, PredictedPower, power_source
+from policy_training.environment.power_source import PlantPower, PredictedPower, power_source
 from policy_training.environment.robots import Substep
 from policy_training.learning.learner import TorchEnvironment
 from policy_training.learning.training import export_policy

@@ -90,7 +90,11 @@ def draw_fleet(
 
 
 def record_fleet(challenge: FleetChallenge, folder: Path, engine: TaskEngine) -> Iterator[Path]:
-    """Record all days of all robots into a folder, and seal the answer there last."""
+    """Record every day of every robot, and yield each bag's path once it is written.
+
+    The answer is sealed into the folder after the last bag: the iterator has to be exhausted.
+    InputError for a bag that is there already.
+    """
     from sim_bridge.offline.history import record_history  # a bus, which analyses do without
 
     for index, plan in enumerate(challenge.plans):

@@ -119,7 +119,11 @@ class MotionFile:
 
     @classmethod
     def of(cls, content: object, where: str, name: str, mode: str | None = None) -> 'MotionFile':
-        """Return the motion of a file's content; where: the beginning of errors."""
+        """Parse the content of a motion file, as read from YAML.
+
+        where: start of each error message. name: of the motion. mode: which of the content's
+        `modes` to take; the first if None. InputError for an unknown mode or wrong content.
+        """
         read = parse(MotionContent, content, where)
         modes = {str(key): segments for key, segments in read.modes.items()}
         if mode is not None and mode not in modes:

@@ -12,7 +12,7 @@ from wattwalk_core.anymal import DEFAULT_POSE, GRAVITY
 from wattwalk_core.arrays import Bools, Floats, Singles
 
 from policy_training.config import CommandConfig, TrainingConfig
-from policy_training.environment.power_term import PlantPower, PowerSource
+from policy_training.environment.power_source import PlantPower, PowerSource
 from policy_training.environment.rewards import FootClock, Rewards, RewardState
 from policy_training.environment.robots import RobotMotion, Robots
 

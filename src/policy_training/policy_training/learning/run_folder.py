@@ -72,7 +72,7 @@ class RunFolder:
         os.replace(part, self.path / CHECKPOINT)
 
     def close(self) -> None:
-        """Flush what TensorBoard reads."""
+        """Close TensorBoard's writer, which writes its last events; nothing if none was begun."""
         if self._events is not None:
             self._events.close()
 

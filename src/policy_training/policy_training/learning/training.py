@@ -21,7 +21,7 @@ from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES, POSITION_GAIN, VELOC
 import policy_training
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import ACTION_CLIP, WalkingEnvironment
-from policy_training.environment.power_term import power_source
+from policy_training.environment.power_source import power_source
 from policy_training.learning.learner import Learner, Round
 from policy_training.learning.run_folder import RunFolder
 

@@ -21,10 +21,13 @@ _HOLD = 0.5  # periods; replies to one round of queries belong together, also wh
 
 
 class Interleaver:
-    """Puts the frames of one group on the times of its first frame that is not silent.
+    """Merges the frames of one group, which have no counter, into samples.
 
-    Values are interpolated between the frames on both sides. Those of a silent frame are NaN. It
-    has the counts of an Assembler; lost samples are known by the gaps of the frames.
+    A sample is taken at each arrival of the group's first frame that is not silent; a frame is
+    silent once it lags the newest by more than 2.5 periods. Values of the other frames are
+    interpolated linearly to that time, NaN over gaps of more than 2.5 periods; status flags come
+    from the later frame. The counts (received, lost, missing, duplicates, counter_jumps) are
+    those of an Assembler, with losses inferred from gaps in time.
     """
 
     counter_jumps = 0

@@ -79,7 +79,11 @@ class SoemSegment:
             raise self._refused('read', slave, index, subindex, error) from error
 
     def write(self, slave: int, index: int, subindex: int, value: bytes) -> None:
-        """Set an object (SDO download)."""
+        """Write an object of a slave (SDO download) and wait for its answer.
+
+        slave: position on the segment, from 0. value: the object's bytes, little-endian.
+        SegmentError if the slave refuses or does not answer.
+        """
         try:
             self._master.slaves[slave].sdo_write(index, subindex, value, release_gil=True)
         except self._mailbox_errors as error:

@@ -56,18 +56,17 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Effect:
-    """A physical effect with coefficients that are linear in the power once its shape is fixed.
+    """A physical effect, linear in its coefficients once its shape parameters are fixed.
 
-    An effect that acts on 'power' gives watts per unit coefficient. One that acts on 'torque'
-    gives the extra motor torque in N·m per unit coefficient; the model turns it into power
-    through the motor's speed and through every effect that depends on the motor's torque: for
-    friction f that is f·w + 2·k·torque·f + k·f². One that acts on 'speed' gives extra speed of the
-    motor in rad/s per unit coefficient.
+    `acts_on` says what the regressors give for each unit of a coefficient: 'power' W, 'torque'
+    extra motor torque in N·m, 'speed' extra motor speed in rad/s. The model turns extra torque f
+    into power f·w + 2·k·torque·f + k·f², with motor speed w and copper loss k in W/(N·m)², and
+    likewise through every other effect that depends on the motor's torque.
 
-    To make an effect of your own, put one into a file and name the file with --effects-path:
+    To add an effect, put it into a file and name the file with --effects-path: either
     `Effect(name=…, physics=…, formula=…, terms=…, regressors=…)`, or a class derived from Effect
-    that states these as attributes and methods. Calling such a class gives the Effect that it
-    states, with its `usable`, `factors` and `shapes_of` as `recorded`, `sizes` and `scaled`.
+    with these as attributes and methods. Calling the class returns an Effect; methods `usable`,
+    `factors` and `shapes_of` that it overrides become the fields `recorded`, `sizes` and `scaled`.
     """
 
     name: str

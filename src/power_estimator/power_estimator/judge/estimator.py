@@ -67,7 +67,7 @@ def together(
 
 @dataclass(frozen=True)
 class JudgeSettings:
-    """Folds, rows that count, and what is taken out before a score."""
+    """Settings of the judge: folds, samples left out, refits, spread of R², lag of the supply."""
 
     fit: FitSettings = field(default_factory=FitSettings)  # folds and refits
     settling: float = 0.2  # s at the start of a stretch: networks begin with an empty memory

@@ -80,6 +80,6 @@ class JudgedModel(HeldOut):
 
     @property
     def rmse(self) -> dict[str, float]:
-        """Error of each meter in W as files keep it."""
+        """Held-out RMS error in W by meter, to 8 significant digits; only meters that have one."""
         known = {meter: score.json()['rmse_w'] for meter, score in self.drives.items()}
         return {meter: value for meter, value in known.items() if value is not None}

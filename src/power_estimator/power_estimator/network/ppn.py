@@ -19,9 +19,10 @@ from power_estimator.scores import block_means
 
 
 class PowerPredictionNetwork:
-    """LSTM from position error, torque and speed to watts (Section II-A), one per drive type.
+    """LSTM from position error (rad), torque (N·m) and speed (rad/s) to watts, one per drive type.
 
-    `predict` carries the state from sample to sample.
+    It is the network of the paper's Section II-A. `predict` returns W [T, D] and carries the
+    LSTM's state from sample to sample; `WindowedNetwork` starts each window from a state of zero.
     """
 
     def __init__(self, checkpoint: Checkpoint, name: str = 'ppn') -> None:

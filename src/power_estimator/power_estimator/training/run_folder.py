@@ -41,7 +41,11 @@ class NetworkRunFolder:
     def open(
         self, config: Mapping[str, Any], recordings: Sequence[TrainingRecording], *, resume: bool
     ) -> None:
-        """Begin or continue a run; InputError as of `start` and `resume`."""
+        """Start a run, or continue the one in this folder if resume is true.
+
+        InputError, to start: if the folder exists or cannot be made; to resume: if it holds no
+        run, or one with other settings or recordings.
+        """
         cards = [asdict(recording) for recording in recordings]
         (self.resume if resume else self.start)(config, cards)
 

@@ -199,7 +199,7 @@ class Sweep:
 
     @property
     def jobs(self) -> Sequence[Job]:
-        """Networks of each point."""
+        """Networks to train at each point: one Job per drive type and fold, the same at all."""
         return self._first.jobs
 
     def validation(self, point: SweepPoint) -> CrossValidation:

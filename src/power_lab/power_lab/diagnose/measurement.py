@@ -46,7 +46,7 @@ class MeasurementTerm:
 
     @property
     def sentence(self) -> str:
-        """The error, with what would tell it from physics."""
+        """Sentence on the error: drive, size, and the check or calibration that removes it."""
         if self.name in _IN_WORDS:
             return _IN_WORDS[self.name](self)
         size = f'{self.value:.3g} {SENSORS[self.name].unit}'

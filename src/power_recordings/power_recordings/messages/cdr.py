@@ -175,9 +175,10 @@ def joint_state_block(
     effort: ArrayLike | None = None,
     frame_id: str = '',
 ) -> NDArray[np.uint8]:
-    """Encode N sensor_msgs/JointState of D joints from arrays [N, D]; None: an empty array.
+    """Encode N sensor_msgs/JointState of D joints as CDR bytes, uint8 [N, size].
 
-    Also the type of joint_commands (position only), motor_current and foot_force (effort only).
+    stamps_ns [N]; position rad, velocity rad/s, effort N·m [N, D]; None: an empty array. The type
+    serves joint_commands (position only), motor_current (effort: A) and foot_force (effort: N).
     """
     given = {'position': position, 'velocity': velocity, 'effort': effort}
     columns = {field: np.asarray(values) for field, values in given.items() if values is not None}

@@ -212,7 +212,12 @@ def note(
 def select(
     manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
 ) -> bytes:
-    """Link map and traces: what is chosen in one is lit in the other."""
+    """Answer a selection with the states of the map and the parts of the traces to light up.
+
+    content: a `Selection`, which has a box of the map, a span of the traces (s) or a regime.
+    Returns the packed bytes of `answers.selected`. InputError for none of the three, or a regime
+    that is not there.
+    """
     chosen, view = parse(Selection, content, 'selection'), answers.view_of(session)
     if chosen.box is not None:
         found = maps.in_box(view, chosen.drive, chosen.box)

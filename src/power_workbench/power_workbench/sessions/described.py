@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 
 def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
-    """Effects of a model in words, with coefficients and intervals by group of drives."""
+    """Content of a model for the page: effects in words, coefficients by drive type.
+
+    Each coefficient has symbol, unit, value, 95 % interval, and the bound it stands at, if any. A
+    model of another kind is the base, with no effects. InputError for a spec that cannot be
+    loaded.
+    """
     model = load_model(spec, catalogue)
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)

@@ -31,7 +31,7 @@ class Screened:
 
     @property
     def mean_mse(self) -> Floats:
-        """Mean squared error, W² [D]."""
+        """Held-out mean squared error of each drive over its measured blocks, W² [D]."""
         return np.nanmean(self.mse, axis=0)
 
 

@@ -16,7 +16,12 @@ from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 @dataclass(frozen=True)
 class DelaySearch:
-    """Finds the delay at which a design leaves the least error."""
+    """Search for the delay of the power against the joint signals in s, one for all drives.
+
+    Positive where the power is stamped late. The best delay leaves the least sum over drives of
+    the log of their group's squared residuals, with coefficients solved within their bounds at
+    each delay.
+    """
 
     prepared: Prepared
     groups: Sequence[Sequence[int]]  # drives that share coefficients

@@ -78,7 +78,13 @@ class BagFile:
         return found
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield the named numbers topic by topic, as the messages come."""
+        """Yield blocks of the columns at `topic:field` addresses, in the order of the file.
+
+        A block has n messages of one topic: float64 [n] by address, NaN where a message lacks the
+        field, with header and log stamps in ns; blocks of several topics alternate as recorded.
+        A last block without a stream has the bag's problems as notes. InputError for a topic that
+        is not there or cannot be decoded.
+        """
         wanted: dict[str, list[str]] = defaultdict(list)
         for address in addresses:
             topic, _, field = address.partition(':')

@@ -1,4 +1,4 @@
-"""Watts of the simulated robots as a reward, from a power model or from the plant itself."""
+"""Source of the watts that training puts into the reward: a power model, or the plant itself."""
 
 from collections.abc import Sequence
 from typing import Any, Final
