@@ -270,7 +270,7 @@ def test_slip_follows_the_torque_between_its_ends():
     rms = np.sqrt(np.mean(torque**2))
     reach = 0.05 * rms  # N·m; each step here is longer than both ways of it but the first two
     assert reach < 0.25
-    assert slip(torque)[:, 0] == pytest.approx([0.0, 1.0, 1.0, -1.0, -1.0])
+    assert slip(torque, 0.05)[:, 0] == pytest.approx([0.0, 1.0, 1.0, -1.0, -1.0])
 
 
 def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does():
@@ -278,7 +278,7 @@ def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does(
     load = 20.0 / np.sqrt(1 - 0.05**2)
     torque = load + np.cumsum(steps)
     reach = 0.05 * np.sqrt(np.mean(torque**2))
-    found, expected = slip(torque[:, None])[:, 0], [0.0]
+    found, expected = slip(torque[:, None], 0.05)[:, 0], [0.0]
     for step in steps[1:] / reach:
         expected.append(float(np.clip(expected[-1] + step, -1.0, 1.0)))
     assert found == pytest.approx(expected)

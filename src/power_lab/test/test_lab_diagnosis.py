@@ -97,7 +97,9 @@ def test_a_known_effect_of_another_shape_is_not_taken_for_a_missing_one():
     assert (found.verdict, found.effects) == ('no_evidence', ())
     own = {one.name: one for one in found.found.known}
     assert own[lossy.name].parameters == {'bridge': 1.0}
-    (share,) = np.quantile(found.found.meters[0].coefficients[lossy.name], [0.025, 0.975], axis=0).T
+    (share,) = np.quantile(
+        found.found.meters[0].coefficients[lossy.name], [0.025, 0.975], axis=0
+    ).T
     assert share[0] < 0.2 < share[1]
 
 

@@ -41,17 +41,15 @@ class EffectColumns:
 
 
 def apart(
-    columns: EffectColumns,
-    used: NDArray[np.bool_],
-    places: slice,
-    names: Sequence[str],
-    *,
-    gain: bool = True,
+    columns: EffectColumns, used: NDArray[np.bool_], places: slice, names: Sequence[str]
 ) -> Floats:
-    """Columns of an effect less what others by name, and the meter's gain, take over [N, n]."""
+    """Columns of an effect less what others by name, and the meter's gain, take over [N, n].
+
+    A gain changes the shaft's power too: what it does to effects, their coefficients do.
+    """
     taken = columns.places_of(names)
     taken = taken[(taken < places.start) | (taken >= places.stop)]
-    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, : int(gain)]], axis=1)
+    base = np.concatenate([columns.effects[:, taken], columns.constant[:, None]], axis=1)
     return less(columns.effects[:, places], base, used)
 
 
@@ -61,11 +59,9 @@ def explained(
     active: Active,
     values: Floats,
     names: Sequence[str],
-    *,
-    gain: bool = True,
 ) -> Floats:
     """W rms [s] of an effect's coefficients [s, n] that others by name cannot take over."""
-    own = apart(columns, used, columns.places(active), names, gain=gain)[used]
+    own = apart(columns, used, columns.places(active), names)[used]
     gram = own.T @ own / len(own)
     return np.sqrt(np.maximum(np.einsum('si,ij,sj->s', values, gram, values), 0.0))
 

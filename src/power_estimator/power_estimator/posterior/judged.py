@@ -117,9 +117,7 @@ def judged_effects(
     added = tuple(search.actives[i] for i in sorted(new))
     any_missing = _any_missing(search, candidates, added, left)
     scales = _scales(search, meters, in_set)
-    return JudgedEffects(
-        candidates, any_missing, scales, known_now, added, tuple(meters), left
-    )
+    return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
 
 
 def _candidates(

@@ -36,7 +36,9 @@ def over_by_share(name: str, other: str, share: float, spread: float) -> float:
 
     def density(mean: float, own: float) -> float:
         variance = own**2 + spread**2
-        return -0.5 * (share - mean) ** 2 / variance - 0.5 * np.log(variance) - log_ndtr(mean / own)
+        return (
+            -0.5 * (share - mean) ** 2 / variance - 0.5 * np.log(variance) - log_ndtr(mean / own)
+        )
 
     return float(density(*SHARES[name]) - density(*SHARES[other]))
 

@@ -269,15 +269,23 @@ class EffectSearch:
         return self._normals[m]
 
     def _promising(self, chosen: Chosen) -> list[Chosen]:
-        """Best neighbours of a set, of each kind of step one: more, fewer, another shape, swap."""
+        """Best neighbours of a set, of each kind of step one: more, fewer, another shape, swap.
+
+        The best other shape of a known effect comes beside these, in nobody's place.
+        """
         have = self.names_of(chosen)
         best: dict[object, tuple[float, Chosen]] = {}
+        known: list[tuple[float, Chosen]] = []
         for each, score in self.screened(self._neighbours(chosen), chosen).items():
             new = next((self.names[i] for i in each if i not in chosen), '')
+            if new in self.known:
+                known.append((score, each))
+                continue
             grown = len(each) > len(chosen)
             kind = (new, new in have if grown or new in have else each if not new else None)
             best[kind] = max(best.get(kind, (-np.inf, each)), (score, each))
-        return [each for _, each in sorted(best.values(), reverse=True)[:TRIED]]
+        tried = sorted(best.values(), reverse=True)[:TRIED] + sorted(known, reverse=True)[:1]
+        return [each for _, each in tried]
 
     def _neighbours(self, chosen: Chosen) -> list[Chosen]:
         """Sets of one effect more, fewer, of another shape or in place of another."""

@@ -26,6 +26,7 @@ SENSORS: Final[Mapping[str, Sensor]] = {
     'torque_bias': Sensor('N·m', 0.25),
     'torque_hysteresis': Sensor('N·m', 0.5),
     'torque_slip': Sensor('N·m', 0.5),
+    'torque_play': Sensor('N·m', 0.5),
     'velocity_lag': Sensor('s', 0.0015),
     'torque_lag': Sensor('s', 0.0015),
     'time_offset': Sensor('s', 0.001),
@@ -36,7 +37,13 @@ UNMOVED: Final = ('current_offset', 'offset_drift', 'velocity_lag')
 """Errors that have nothing to do with what a model takes the power to be."""
 AT_MOTOR: Final = 0.2
 """Torque by a current and a constant is off by a fifth, a torque sensor by a tenth."""
-_SLIP: Final = 0.05  # of the rms torque, over which a sensor's hysteresis turns round
+_SLIPS: Final[Mapping[str, float]] = {'torque_slip': 0.05, 'torque_play': 0.15}
+"""
+Share of the rms torque over which a sensor's hysteresis turns round.
+
+Sums of such plays make the loops of sensors (Krasnosel'skii and Pokrovskii 1983). With one alone,
+loops of another width were named heating of a winding.
+"""
 
 
 def spreads(signals: Signals) -> Mapping[str, float]:
@@ -61,7 +68,7 @@ class SensorErrors:
     signals: Signals
     spread: Floats  # of each of SENSORS, in its unit
     hysteresis: Floats  # −1 to 1 [T, D]
-    slipped: Floats  # the same, of a sensor's play
+    slips: Mapping[str, Floats]  # the same by name, of a sensor's plays
 
     @classmethod
     def of(cls, signals: Signals) -> 'SensorErrors':
@@ -72,7 +79,7 @@ class SensorErrors:
             signals,
             np.array([*spreads(signals).values()]),
             np.tanh(3.0 * signals.torque_rate / fast),
-            moves * slip(signals.torque),
+            {name: moves * slip(signals.torque, share) for name, share in _SLIPS.items()},
         )
 
     def watts(self, power: Floats, slope: Floats) -> list[Floats]:
@@ -92,7 +99,7 @@ class SensorErrors:
             'offset_drift': voltage * minutes,
             'torque_bias': slope,
             'torque_hysteresis': slope * self.hysteresis,
-            'torque_slip': slope * self.slipped,
+            **{name: slope * own for name, own in self.slips.items()},
             'velocity_lag': s.torque * s.acceleration,
             'torque_lag': slope * s.torque_rate,
             'time_offset': -rate,
@@ -105,13 +112,13 @@ class SensorErrors:
         ]
 
 
-def slip(torque: Floats) -> Floats:
+def slip(torque: Floats, share: float) -> Floats:
     """Play of a sensor's hysteresis, −1 to 1 [T, D]: it follows the torque between its ends.
 
     s[t] = clip(s[t − 1] + d torque / reach, −1, 1). Such steps compose to steps of their kind, so
     that all are found by doubling.
     """
-    reach = _SLIP * (np.sqrt(np.mean(torque**2, axis=0)) + 1e-12)
+    reach = share * (np.sqrt(np.mean(torque**2, axis=0)) + 1e-12)
     add = np.diff(torque, axis=0, prepend=torque[:1]) / reach
     low, high = np.full_like(add, -1.0), np.full_like(add, 1.0)
     ahead = 1

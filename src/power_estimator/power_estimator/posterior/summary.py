@@ -84,7 +84,7 @@ def summarised(
     size = rms(together)
     # Known effects and the meter's gain are free: what they take, the discrepancy gives back.
     free = columns.effects[:, columns.places_of(known)]
-    free = np.concatenate([free, columns.nuisance[:, :1]], axis=1)[meter.used]
+    free = np.concatenate([free, columns.constant[:, None]], axis=1)[meter.used]
     left = rms(less(together[:, None], free, np.ones(len(parts), dtype=bool)))
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
@@ -109,17 +109,15 @@ def summarised(
         ratio = min(size / max(own_w, 1e-12), _MOST_MISFIT)
         return 1.0 + MISFIT * ratio * random.standard_t(_TAILS, size=(len(drawn), 1))
 
-    # A gain has a narrow prior: it cannot take over all of the copper loss of a stall.
-    of_effects = _explains(columns, meter, drawn[:, :count], known, gain=False)
     coefficients = {}
     for active in actives:
         own = values[:, columns.places(active)]
-        own = own * misfit(float(np.median(of_effects[active.name])))
+        own = own * misfit(float(np.median(explains[active.name])))
         lower = np.array([term.lower for term in active.effect.terms])
         coefficients[active.name] = np.where(lower >= 0, np.maximum(own, 0.0), own)
     friction = None
     if columns.friction[:count].any():
-        together = [float(np.median(v)) for name, v in of_effects.items() if name in FRICTIONS]
+        together = [float(np.median(v)) for name, v in explains.items() if name in FRICTIONS]
         friction = (
             np.clip(drawn @ columns.friction, -_MOST, _MOST)
             * misfit(float(np.hypot.reduce(together)))[:, 0]
@@ -153,17 +151,12 @@ def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:
 
 
 def _explains(
-    columns: EffectColumns,
-    meter: MeterProblem,
-    drawn: Floats,
-    known: Sequence[str],
-    *,
-    gain: bool = True,
+    columns: EffectColumns, meter: MeterProblem, drawn: Floats, known: Sequence[str]
 ) -> Mapping[str, Floats]:
     """W rms [s] of each effect that known effects, and the meter's gain, cannot take over."""
     return {
         active.name: explained(
-            columns, meter.used, active, drawn[:, columns.places(active)], known, gain=gain
+            columns, meter.used, active, drawn[:, columns.places(active)], known
         )
         for active in columns.actives
     }
