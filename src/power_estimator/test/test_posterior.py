@@ -285,6 +285,19 @@ def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does(
     assert min(found) == -1.0 < max(found)
 
 
+def test_hysteresis_of_a_width_between_two_plays_is_their_sum():
+    random = np.random.default_rng(6)
+    torque = 20.0 + np.cumsum(random.normal(size=(4000, 1)), axis=0)
+    loop = slip(torque, 0.1)
+    plays = np.concatenate([slip(torque, 0.05), slip(torque, 0.15), np.ones_like(loop)], axis=1)
+    left = {
+        count: (loop - plays[:, own] @ np.linalg.lstsq(plays[:, own], loop, rcond=None)[0]).var()
+        for count, own in ((1, [0, 2]), (2, [0, 1, 2]))
+    }
+    assert left[2] < 0.1 * loop.var()
+    assert left[1] > 0.25 * loop.var()  # one play alone
+
+
 def test_effects_that_stand_for_each_other_share_the_probability_of_both():
     shows = LogOdds(before=-1.0, after=200.0, ratio=10.0)
     alike = StandIn(1, (1,), LogOdds(before=0.0, after=-50.0, ratio=0.01), shows)

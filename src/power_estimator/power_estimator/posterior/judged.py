@@ -15,7 +15,7 @@ from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
 from power_estimator.posterior.odds import tempered
-from power_estimator.posterior.priors import NAMED, OFF, SENSORS_OFF
+from power_estimator.posterior.priors import DOUBTED, NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import Chosen, EffectSearch
 from power_estimator.posterior.sensors import SCALES, spreads
@@ -60,6 +60,16 @@ class JudgedEffects:
     def share(self, name: str) -> float:
         """Share of what the model misses that an effect explains."""
         return next((one.share for one in self.candidates if one.active.name == name), 0.0)
+
+    def doubting(self, name: str) -> 'JudgedEffects':
+        """Return the judgement where an effect is no more certain than DOUBTED."""
+        candidates = tuple(
+            replace(one, probability=min(one.probability, DOUBTED))
+            if one.active.name == name
+            else one
+            for one in self.candidates
+        )
+        return replace(self, candidates=_in_order(candidates))
 
     @property
     def named(self) -> tuple[Active, ...]:
@@ -155,7 +165,12 @@ def _candidates(
         )
         for place, explains, probability in found
     ]
-    return tuple(sorted(out, key=lambda one: (-one.probability, -one.explains[1])))
+    return _in_order(out)
+
+
+def _in_order(candidates: Sequence[JudgedEffect]) -> tuple[JudgedEffect, ...]:
+    """The most probable first, then what explains most."""
+    return tuple(sorted(candidates, key=lambda one: (-one.probability, -one.explains[1])))
 
 
 def _rms_levels(levels: Sequence[Floats] | Floats) -> Floats:

@@ -40,7 +40,7 @@ def over_by_share(name: str, other: str, share: float, spread: float) -> float:
             -0.5 * (share - mean) ** 2 / variance - 0.5 * np.log(variance) - log_ndtr(mean / own)
         )
 
-    return float(density(*SHARES[name]) - density(*SHARES[other]))
+    return density(*SHARES[name]) - density(*SHARES[other])
 
 
 def has_wholes(actives: Sequence[Active]) -> bool:

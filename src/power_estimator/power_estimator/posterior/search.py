@@ -76,13 +76,17 @@ class EffectSearch:
         self.pooled = 1.0 / (1.0 + (len(self.meters) - 1) * ALIKE)
         self.made: list[EffectColumns] = []
         self._normals: dict[int, NormalEquations] = {}
+        self._plain: tuple[list[EffectColumns], dict[int, NormalEquations]] = self.made, {}
         self._show, self._fits = show, 0
 
     def run(self) -> Chosen:
         """Return the most probable set; judge its neighbours at their own points."""
         chosen = self.base
         self._begin()
+        self._plain = self.made, {m: self.normals_of(m) for m in range(len(self.meters))}
+        visited: set[Chosen] = set()
         for _ in range(STEPS):
+            visited.add(chosen)
             self._move(chosen)
             here = self.score(chosen)
             tried = (*self._promising(chosen), chosen)
@@ -91,7 +95,7 @@ class EffectSearch:
                 best = self._pruned(chosen)
             if best == chosen:
                 best = self._with_two(chosen, here)
-            if best == chosen:
+            if best in visited:  # this one, or one that the noise of another led away from
                 break
             chosen = best
         else:
@@ -191,12 +195,14 @@ class EffectSearch:
     def _fitted(self, m: int, actives: Sequence[Active]) -> FittedSet:
         """Return a set fitted to a meter, from two starts where the current point may be far off.
 
-        That is a first new effect, and a set without an effect that the point has.
+        That is a first new effect, a set without an effect that the point has, and a fit that
+        stays where it starts.
         """
         start = self._start(m, actives)
         found = fit_set(self.meters[m], actives, self.known, start)
         first, fewer = len(self.base) + 1, len(self.points[m])
-        if not start or not (len(actives) == first or len(actives) < fewer):
+        stays = all(np.array_equal(found.point[name][1], own) for name, (_, own) in start.items())
+        if not start or not (stays or len(actives) == first or len(actives) < fewer):
             return found
         other = fit_set(self.meters[m], actives, self.known, {}, found.evidence)
         return max(found, other, key=lambda one: one.evidence)
@@ -271,21 +277,35 @@ class EffectSearch:
     def _promising(self, chosen: Chosen) -> list[Chosen]:
         """Best neighbours of a set, of each kind of step one: more, fewer, another shape, swap.
 
-        The best other shape of a known effect comes beside these, in nobody's place.
+        Beside these come the best of the problem without departures: of a friction that stands in
+        for another they take over what is left. And the best other shape of a known effect.
         """
+        neighbours = self._neighbours(chosen)
+        here = self.made, self._normals
+        found = self._best_of(neighbours, chosen)
+        self.made, self._normals = self._plain
+        plain = self._best_of(neighbours, chosen)
+        self.made, self._normals = here
+        known = [each for each in found if self._new_name(each, chosen) in self.known]
+        new, apart = (
+            [each for each in some if self._new_name(each, chosen) not in self.known]
+            for some in (found, plain)
+        )
+        return list(dict.fromkeys([*new[:TRIED], *apart[:TRIED], *known[:1]]))
+
+    def _best_of(self, sets: Sequence[Chosen], chosen: Chosen) -> list[Chosen]:
+        """Best set of each kind of step as screened, the best kind first."""
         have = self.names_of(chosen)
         best: dict[object, tuple[float, Chosen]] = {}
-        known: list[tuple[float, Chosen]] = []
-        for each, score in self.screened(self._neighbours(chosen), chosen).items():
-            new = next((self.names[i] for i in each if i not in chosen), '')
-            if new in self.known:
-                known.append((score, each))
-                continue
-            grown = len(each) > len(chosen)
+        for each, score in self.screened(sets, chosen).items():
+            new, grown = self._new_name(each, chosen), len(each) > len(chosen)
             kind = (new, new in have if grown or new in have else each if not new else None)
             best[kind] = max(best.get(kind, (-np.inf, each)), (score, each))
-        tried = sorted(best.values(), reverse=True)[:TRIED] + sorted(known, reverse=True)[:1]
-        return [each for _, each in tried]
+        return [each for _, each in sorted(best.values(), reverse=True)]
+
+    def _new_name(self, each: Chosen, chosen: Chosen) -> str:
+        """Effect that a set has in place of, or beside, those of another; '' if it has none."""
+        return next((self.names[i] for i in each if i not in chosen), '')
 
     def _neighbours(self, chosen: Chosen) -> list[Chosen]:
         """Sets of one effect more, fewer, of another shape or in place of another."""

@@ -133,7 +133,7 @@ def diagnosed(
     show('holding the effects against held-out data')
     if delays.any():
         apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
-    best = fits.added(found.named, 3, found.known) if found.named else fits.base
+    found, best = _borne_out(found, fits)
     return Diagnosis(
         found=found,
         prepared=own.prepared,
@@ -142,7 +142,6 @@ def diagnosed(
         best=best,
         candidates=_candidates(found, fits),
         left=residual(found, fits.base, best, own.prepared),
-        raising=_raising(found, best, fits),
     )
 
 
@@ -165,13 +164,22 @@ def _alike(prepared: Prepared, fit: Fit, apart: Mapping[str, Floats]) -> Prepare
     return replace(prepared, power=(prepared.power - excess).astype(prepared.power.dtype))
 
 
-def _raising(found: JudgedEffects, best: Evidence, fits: AddedEffects) -> tuple[str, ...]:
-    """Of several names, those without which the held-out error is lower."""
-    if len(found.named) < 2:
-        return ()
-    others = {a.name: [one for one in found.named if one is not a] for a in found.named}
-    less = {name: fits.added(rest, known=found.known) for name, rest in others.items()}
-    return tuple(n for n, one in less.items() if one.mean_mse.sum() < best.mean_mse.sum())
+def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects, Evidence]:
+    """Doubt named effects that lower no held-out error beside the others, the worst one first.
+
+    Return what is left of the names, and the held-out errors with these.
+    """
+    while named := found.named:
+        best = fits.added(named, 3, found.known)
+        less = {
+            active.name: fits.added([one for one in named if one is not active], 3, found.known)
+            for active in named
+        }
+        worst = min(less, key=lambda name: float(less[name].mean_mse.sum()))
+        if less[worst].mean_mse.sum() > best.mean_mse.sum():
+            return found, best
+        found = found.doubting(worst)
+    return found, fits.base
 
 
 def _candidates(found: JudgedEffects, fits: AddedEffects) -> tuple[Candidate, ...]:

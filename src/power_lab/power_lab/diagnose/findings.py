@@ -169,7 +169,6 @@ class Diagnosis:
     best: Evidence
     candidates: tuple[Candidate, ...]  # the most probable first
     left: Residual  # what stays with the names
-    raising: tuple[str, ...] = ()  # of several names, those that raise the held-out error
 
     @property
     def residual(self) -> Residual | None:

@@ -20,7 +20,7 @@ from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.notes import notes
 from power_lab.compare.regimes import Regime
 from power_lab.diagnose.diagnosis import diagnosed
-from power_lab.diagnose.findings import Diagnosis, certainty, rounded_down, short
+from power_lab.diagnose.findings import Diagnosis, rounded_down, short
 from power_lab.diagnose.measurement import MeasurementTerm, measurement_terms
 from power_lab.diagnose.next_recording import Motion, separating_motion
 from power_lab.diagnose.verdict import remainder, sentence, to_add, to_do, to_learn
@@ -160,12 +160,6 @@ class Outcome:
     def notes(self) -> list[str]:
         """Facts that the verdict rests on."""
         found = [line for line in self.lines if line != self.sentence]
-        for name in self.diagnosis.raising:
-            (one,) = (c for c in self.diagnosis.candidates if c.name == name)
-            found.append(
-                f'{in_words(name)} is named by its probability of {certainty(one.probability)}; '
-                'the error on held-out data is lower without it'
-            )
         if self.prepared.seconds < self.seconds - 1.0:
             found.append(
                 f'judged on {self.prepared.seconds:.0f} of {self.seconds:.0f} s, in pieces spread '
