@@ -22,7 +22,7 @@ class ProcessError(Exception):
 
 
 def find_program(name: str) -> str:
-    """Return the path of a program, first of one beside this Python; ProcessError without it."""
+    """Return the path of a program, beside this Python or on PATH; ProcessError without it."""
     beside = Path(sys.executable).parent / name
     found = str(beside) if beside.is_file() else shutil.which(name)
     if found is None:
@@ -79,7 +79,7 @@ class ChildProcess:
 
     @property
     def output(self) -> str:
-        """Everything that was written so far."""
+        """Text that the process has written so far."""
         return self.log.read_text(errors='replace')
 
     @property
