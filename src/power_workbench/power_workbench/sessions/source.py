@@ -33,7 +33,7 @@ class Source:
 
     @classmethod
     def of(cls, opened: SessionStep, effect_files: Sequence[str] = ()) -> 'Source':
-        """Recordings of a step `open`."""
+        """Return the recordings of a step `open`."""
         how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.without)
         return cls(*how, opened.sha256, tuple(effect_files))
 
@@ -48,7 +48,7 @@ class Source:
         return replace(self, without=())
 
     def catalogue(self) -> Catalogue:
-        """Shipped effects and the user's own."""
+        """Return the shipped effects and those of effect_files, which are run."""
         return load_catalogue([Path(file) for file in self.effect_files])
 
 
@@ -68,7 +68,7 @@ class SeenModels:
     lines: dict[Source, list[Mapping[str, Any]]] = field(default_factory=dict)
 
     def keep(self, key: Key, view: PowerView) -> None:
-        """Keep a view as the latest; the eldest gives way."""
+        """Keep a view as the latest; the eldest of four gives way."""
         self.views.pop(key, None)
         while len(self.views) >= _KEPT:
             self.views.pop(next(iter(self.views)))
@@ -89,7 +89,7 @@ class SeenModels:
         self.lines[source] = [*others, line]
 
     def carry(self, before: Key | None, key: Key | None) -> None:
-        """Keep what is known of a model: effects that may be run do not change it."""
+        """Keep under `key` what is known of the model under `before`, if both are given."""
         if before is None or key is None:
             return
         if before in self.views:

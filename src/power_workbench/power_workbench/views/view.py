@@ -108,7 +108,7 @@ class StateWords:
 
     @classmethod
     def of(cls, words: NDArray[np.str_]) -> 'StateWords':
-        """Find the texts of words [N, D]."""
+        """Index words [N, D] by the texts that occur."""
         texts: list[str] = []
         places = np.full(words.shape, -1, np.int32)
         while (places < 0).any():
@@ -178,18 +178,18 @@ class PowerView:
 
     @property
     def seconds(self) -> float:
-        """Length as it is shown."""
+        """Length as it is shown, s."""
         return self.length / REDUCED_RATE
 
     def spread(self, values: Singles) -> Singles:
-        """Values of the rows [N, …] on their slots, NaN in the gaps."""
+        """Return values of the rows [N, …] on their slots [length, …], NaN in the gaps."""
         out = np.full((self.length, *values.shape[1:]), np.nan, np.float32)
         out[self.slots] = values
         return out
 
     @cached_property
     def traces(self) -> Mapping[str, Pyramid]:
-        """Measured, estimate and error (estimate − measured) by meter, the sum as last column."""
+        """Measured, estimate, error (estimate − measured): W by meter, the sum as last column."""
         out = {'measured': self.measured}
         if self.residual is not None:
             out |= {'estimate': self.measured - self.residual, 'error': -self.residual}
@@ -214,13 +214,13 @@ class PowerView:
 
 
 def with_sum(values: Singles) -> Singles:
-    """Values [N, M] with their sum as a last column, NaN where one of them is."""
+    """Return values [N, M] with their sum as a last column, NaN where one of them is."""
     total = values.sum(axis=1, keepdims=True, dtype=np.float32)
     return np.concatenate([values, total], axis=1)
 
 
 def slots_of(prepared: Prepared) -> NDArray[np.int64]:
-    """Slot of each row: recordings one after another, long gaps shortened to a minute."""
+    """Return the slot [N] of each row: recordings in turn, long gaps shortened to a minute."""
     step = np.diff(prepared.time, prepend=prepared.time[:1])
     another = np.diff(prepared.recording, prepend=prepared.recording[:1]) != 0
     step = np.where(another, BETWEEN, np.clip(step, 0.0, _LONGEST_GAP))
@@ -231,13 +231,13 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
 
 
 def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
-    """Recordings without a model."""
+    """Return the view of recordings without a model."""
     state, words = describe_state(prepared, loaded)
     return _view(prepared, loaded, prepared.power_at(0.0), None, state, words, {}, None)
 
 
 def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]) -> PowerView:
-    """Return the first model of a comparison; model: its effects and coefficients in words."""
+    """Return the view of a comparison's first model; model: its content in words."""
     judged, content = comparison.models[0], comparison.json()
     shown = {
         **content['models'][0],
