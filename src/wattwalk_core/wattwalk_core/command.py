@@ -67,10 +67,7 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 class DeferredSignals(RaisedSignals):
-    """RaisedSignals whose first signal is only stored in `received`; the second one raises.
-
-    It serves loops that must end between two writes.
-    """
+    """RaisedSignals that only stores a first signal, so that loops can end between two writes."""
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.received is not None:

@@ -24,10 +24,7 @@ _DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color
 
 @contextmanager
 def style(dark: bool) -> Iterator[str]:
-    """Set the colours and lines of all pictures within a `with` block.
-
-    Yields the colour of text and of measurements.
-    """
+    """Set the style of pictures within `with`; gives the colour of text and measurements."""
     colours = _DARK if dark else _LIGHT
     ink = colours['text.color']
     settings: Any = {

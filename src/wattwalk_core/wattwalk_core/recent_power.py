@@ -92,10 +92,7 @@ class RecentBudget:
         return max(battery, 0.0) / self.metered if self.metered > 0.0 else nan
 
     def words(self, width: int) -> str:
-        """Return the largest parts that fit into `width` characters as text, with W and share.
-
-        At least one part is named; what is unexplained is the last.
-        """
+        """Return the largest parts that fit `width` characters, W and share; unexplained last."""
         seen = {name: watts for name, watts in self.parts.items() if abs(watts) >= _SHOWN}
         last = [self._part(UNEXPLAINED)] if UNEXPLAINED in seen else []
         items = [self._part(name) for name in seen if name != UNEXPLAINED]

@@ -184,10 +184,7 @@ def read(kind: type[T], path: Path, what: str) -> T:
 
 
 def check(item: object, where: str) -> None:
-    """Check an instance that code has made; InputError for the first field that is invalid.
-
-    where: prefix of the error message.
-    """
+    """Check an instance made by code; InputError, after `where`, for the first invalid field."""
     parse(type(item), dataclasses.asdict(item), where)  # type: ignore[call-overload]
 
 

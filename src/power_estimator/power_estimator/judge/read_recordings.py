@@ -27,14 +27,14 @@ _OVERSAMPLED: Final = 1.9  # samples for each of a slow recording, so that nothi
 
 @dataclass(frozen=True)
 class JudgedDrives:
-    """Drives that are judged, by name or pattern, all for none; doubts that are overruled."""
+    """Names or patterns of the drives to judge, all if empty, and doubts that are overruled."""
 
     drives: tuple[str, ...] = ()
     slow: bool = False
     anyway: bool = False
 
     def of(self, recording: Recording) -> tuple[str, ...]:
-        """Names of the drives that are judged, none for all."""
+        """Return the names of the chosen drives of a recording; empty for all."""
         names = recording.joints if self.drives else ()
         return tuple(name for name in names if any(fnmatchcase(name, p) for p in self.drives))
 

@@ -66,7 +66,7 @@ class Distillation:
         )
 
     def checkpoint(self, trainers: Mapping[Job, Trainer], spec: str) -> Checkpoint:
-        """Return the student; spec names its teacher."""
+        """Return the trained student; spec: its teacher, for the card."""
         found = self.validation.checkpoint(0, trainers)
         return replace(found, training={**found.training, 'teacher': spec})
 

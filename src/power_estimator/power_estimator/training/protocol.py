@@ -16,7 +16,7 @@ TENTHS = 10
 
 
 class Part(IntEnum):
-    """Use of a sample."""
+    """Part of the data that a sample belongs to."""
 
     UNUSED = -1
     TRAIN = 0
@@ -40,11 +40,11 @@ class Protocol(CheckedFields):
     margin: Annotated[int, Quantity(0, 10_000, 'samples')] = 60  # the history of the network
 
     def minimum(self) -> int:
-        """Return the least number of samples for parts of sufficient length."""
+        """Return the least number of usable samples, below which `labels` raises InputError."""
         return self.segments * TENTHS * max(2 * self.margin, 8)
 
     def labels(self, segment: NDArray[np.integer], fold: int) -> NDArray[np.int8]:
-        """Return the part of each sample [T] in one fold.
+        """Return the `Part` of each sample [T] in one fold; InputError for too few samples.
 
         segment [T] numbers the gap-free stretches; below zero is a sample that cannot be used.
         """

@@ -23,7 +23,7 @@ _ENDED = {'failed': 'the live view ended unexpectedly; follow anew'}
 class LiveFeed:
     """Process of the live view, which runs while somebody follows, and its latest messages.
 
-    Methods may be called from any thread; `changed` is called in a thread apart at each message.
+    Methods may be called from any thread; `changed` is called in a separate one at each message.
     """
 
     def __init__(self, changed: Callable[[], None]) -> None:

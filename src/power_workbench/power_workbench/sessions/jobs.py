@@ -48,8 +48,8 @@ class SessionJob:
 class JobRunner:
     """Worker process of a session, which does one job at a time.
 
-    The listener is called in a thread apart with (job, kind, content) for every message, job None
-    for what was requested `beside` the jobs. A cancelled job's messages are dropped with its
+    The listener is called in a separate thread with (job, kind, content) for every message, job
+    None for what was requested `beside` the jobs. A cancelled job's messages are dropped with its
     process, and the next job starts a fresh one.
     """
 

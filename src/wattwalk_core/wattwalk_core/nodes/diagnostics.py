@@ -25,10 +25,7 @@ class LogTarget(Protocol):
 
 
 class FaultLog:
-    """Log that passes each kind of warning on once in `period` s.
-
-    Texts that differ in numbers alone are one kind; at most eight kinds pass in a period.
-    """
+    """Log that lets each kind of warning, whatever its numbers, through once in `period` s."""
 
     def __init__(self, log: LogTarget, period: float = 10.0) -> None:
         self._log, self._period = log, period

@@ -103,9 +103,9 @@ def _allowed(controller: ThreadpoolController) -> int:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of.
+    """Blocks of a second of reduced rows (50 Hz), shorter in a short recording.
 
-    Each operating point of a steady recording is a block.
+    Errors and weights are by block. Each operating point of a steady recording is a block.
     """
 
     starts: NDArray[np.intp]  # [B] first row of each
@@ -146,22 +146,22 @@ class Blocks:
 
     @property
     def independent(self) -> bool:
-        """Return whether blocks are operating points, whose order means nothing."""
+        """True if blocks are operating points, whose order means nothing."""
         return self.length == 1
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """Return row indices [B, length]."""
+        """Row indices [B, length]."""
         return self.starts[:, None] + np.arange(self.length)
 
     @property
     def counts(self) -> NDArray[np.intp]:
-        """Rows that count of each block, 1 or more, [B, D]."""
+        """Number of rows that count in each block, 1 or more, [B, D]."""
         return np.maximum(self.use.sum(axis=1), 1)
 
     @property
     def mask(self) -> Bools:
-        """Mark the rows that count [B, length, D]."""
+        """Mask of the rows that count [B, length, D]."""
         return self.use & self.valid[:, None, :]
 
 
@@ -177,12 +177,12 @@ class Normal:
 
     @classmethod
     def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
-        """Make normal equations from columns [N, D, m] and target [N, D]."""
+        """Make normal equations from columns [N, D, m] and target W [N, D]."""
         zero = np.zeros_like(target)
         return DelayedNormal.of(columns, target[None], zero, blocks).at(0.0)
 
     def errors(self, coefficients: Floats) -> Floats:
-        """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
+        """Return summed squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
         product = (self.gram @ coefficients[..., None])[..., 0]
         linear = (coefficients * (product - 2.0 * self.moment)).sum(axis=2)
         return np.maximum(self.square + linear, 0.0)
@@ -207,7 +207,7 @@ class DelayedNormal:
     def of(
         cls, columns: Floats, power: Floats | Singles, constant: Floats, blocks: Blocks
     ) -> 'DelayedNormal':
-        """From columns [N, D, m], power [S, N, D] and what of it is constant [N, D]."""
+        """Make normal equations from columns [N, D, m], power W [S, N, D] − constant [N, D]."""
         rows = blocks.rows
         count, drives, m, shifts = len(rows), columns.shape[1], columns.shape[2], len(power)
         gram = np.empty((count, drives, m, m))
@@ -229,7 +229,7 @@ class DelayedNormal:
         return cls(gram, moment, square, next_, blocks.valid, blocks.counts)
 
     def at(self, place: float) -> Normal:
-        """Return the equations at a place between 0 and S − 1."""
+        """Return the equations at a place of the delay from 0 to S − 1, a fraction allowed."""
         left = min(int(place), max(len(self.moment) - 2, 0))
         w = place - left
         if w == 0.0:
@@ -241,9 +241,9 @@ class DelayedNormal:
         return Normal(self.gram, moment, square, self.valid, self.counts)
 
     def summed(self, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Sums over blocks with weights [B, D].
+        """Return sums over blocks with weights [B, D].
 
-        gram [D, m, m], moment [S, D, m], square [S, D] and next_ [S, D].
+        They are gram [D, m, m], moment [S, D, m], square [S, D] and next_ [S, D].
         """
         count = len(weights)
         gram = np.empty(self.gram.shape[1:])
@@ -257,7 +257,7 @@ class DelayedNormal:
 
 
 def modelled(columns: Floats, coefficients: Floats) -> Floats:
-    """Multiply [N, D, m] by [D, m] and sum to [N, D]."""
+    """Return columns [N, D, m] times coefficients [D, m], summed to [N, D]."""
     out = np.empty(columns.shape[:2])
     for drive, own in enumerate(coefficients):
         out[:, drive] = columns[:, drive] @ own
@@ -267,9 +267,10 @@ def modelled(columns: Floats, coefficients: Floats) -> Floats:
 def between(
     places: Floats, moment: Floats, square: Floats, next_: Floats
 ) -> tuple[Floats, Floats]:
-    """Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
+    """Return moment [P, D, m] and squared target [P, D] at places [P] between S delays.
 
-    The target is interpolated linearly; next_ [S, D] is its product with that at the next delay.
+    They come from moment [S, D, m] and square [S, D]; the target is interpolated linearly. next_
+    [S, D] is its product with that at the next delay.
     """
     left = np.minimum(places.astype(int), len(moment) - 2)
     w = (places - left)[:, None]
@@ -279,7 +280,10 @@ def between(
 
 
 def drawn_blocks(count: int, repetitions: int, together: int, seed: int) -> Floats:
-    """Return how often each of count blocks is drawn, some together, in R bootstraps [R, B]."""
+    """Return how often each of `count` blocks is drawn in moving-block bootstraps [R, count].
+
+    repetitions: R; together: successive blocks that are drawn at once.
+    """
     random = np.random.default_rng(seed)
     size = min(together, count)
     drawn = np.zeros((repetitions, count))
