@@ -18,7 +18,7 @@ _TICKS: Final = os.sysconf('SC_CLK_TCK')
 
 
 class ProcessError(Exception):
-    """A child process ended or timed out too early; the message has its last line."""
+    """Error of a child process that ended or timed out too early, with its last line."""
 
 
 def find_program(name: str) -> str:
@@ -158,7 +158,7 @@ class ChildProcess:
         return self._process.wait()
 
     def kill(self) -> int:
-        """End the process and its children without asking; return the exit code."""
+        """End the process and its children by SIGKILL; return the exit code."""
         return self.end(0.0, ())
 
     def cpu_seconds(self) -> float:

@@ -67,7 +67,7 @@ def schema(cls: type[T]) -> type[T]:
 
 
 class EntryError(InputError, ValueError):
-    """An InputError of one entry, whose place `parse` adds: pydantic does so to a ValueError."""
+    """InputError of one entry, whose place `parse` adds: pydantic does so to a ValueError."""
 
 
 def _with_place(check_fields: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -83,7 +83,7 @@ def _with_place(check_fields: Callable[[Any], None]) -> Callable[[Any], None]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """The range, unit and meaning of a number, as an annotation of its field."""
+    """Range, unit and meaning of a number, as an annotation of its field."""
 
     low: float
     high: float
@@ -119,7 +119,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Length:
-    """The least number of characters of a text or items of a list, as an annotation."""
+    """Least number of characters of a text or items of a list, as an annotation of its field."""
 
     least: int
 

@@ -109,7 +109,7 @@ class TaskEngine:
     def in_order(
         self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
     ) -> Iterator[Result]:
-        """Yield the results in the order of the items, each when those before it are there.
+        """Yield the function's results in the order of the items, each once those before it are.
 
         Of several errors the one of the first item is raised; else as `completed`.
         """

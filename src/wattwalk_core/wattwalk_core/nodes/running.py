@@ -59,7 +59,7 @@ class EndSignals:
         self._reader.close()
 
     def hold(self) -> None:
-        """Let no further signal interrupt, so that the shutdown takes the time it needs."""
+        """Let no later signal interrupt, so that the shutdown takes the time it needs."""
         self._idle.set()
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
