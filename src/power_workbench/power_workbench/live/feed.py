@@ -52,7 +52,7 @@ class LiveFeed:
             return str(self._news[-1].get('recorder', '')) if self._news else ''
 
     def after(self, count: int) -> tuple[int, list[dict[str, Any]]]:
-        """Return how many messages there are, and those after the first `count`."""
+        """Return the number of messages so far, and those after the first `count`, if kept."""
         with self._lock:
             new = min(self._count - count, len(self._news))
             return self._count, list(self._news)[len(self._news) - new :] if new > 0 else []

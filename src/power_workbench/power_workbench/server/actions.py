@@ -38,7 +38,7 @@ Action = Callable[
 
 @schema
 class Selection:
-    """A box on the map, a span of the traces or a regime; one of the three."""
+    """Content of `select`: a box on the map, a span of the traces, or a regime; one of them."""
 
     drive: _Text
     x: _Text
@@ -54,7 +54,7 @@ class Selection:
 
 @schema
 class HistoryPlace:
-    """A place in the history."""
+    """Content of `go`: number of steps that are to be in force."""
 
     at: Annotated[int, Quantity(0, 100_000)]
 
@@ -83,7 +83,7 @@ class OneModel:
 
 @schema
 class OneLog:
-    """A log of others; with a map it is imported, or shown as the map converts it."""
+    """Content of `log`: a log of others; with a map it is imported or, with preview, shown."""
 
     file: _Text
     map: dict[str, Any] | None = None
@@ -92,7 +92,7 @@ class OneLog:
 
 @schema
 class ShownSpans:
-    """Spans of the traces."""
+    """Content of `leave_out`: spans of the traces, s as they are shown."""
 
     spans: Annotated[tuple[tuple[_Seconds, _Seconds], ...], Length(0)]
 

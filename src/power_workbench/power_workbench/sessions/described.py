@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
-    """Content of a model for the page: effects in words, coefficients by drive type.
+    """Return a model's content for the page: effects in words, coefficients by drive type.
 
     Each coefficient has symbol, unit, value, 95 % interval, and the bound it stands at, if any. A
     model of another kind is the base, with no effects. InputError for a spec that cannot be

@@ -71,7 +71,7 @@ class JobRunner:
         return None if self._process is None else self._process.pid
 
     def warm(self) -> None:
-        """Start the process, so that its imports are done when work comes."""
+        """Start the worker process, so that its imports are done when the first job comes."""
         with self._lock:
             self._start()
 
@@ -94,7 +94,7 @@ class JobRunner:
             self._pipe.send((request, dict(arguments)))
 
     def cancel(self) -> None:
-        """End the job with its process; what it had loaded is loaded again by the next one."""
+        """End the running job with its process, and with what that had loaded."""
         with self._lock:
             job = self.job
             if job is None or job.state != 'running':

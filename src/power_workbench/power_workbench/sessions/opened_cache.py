@@ -156,7 +156,7 @@ class OpenedCache:
 
     @classmethod
     def usual(cls) -> 'OpenedCache':
-        """The cache beside the index of recordings; none where no index is wanted."""
+        """Return the cache beside the index of recordings; without an index it keeps nothing."""
         index = usual_path()
         return cls(None if index is None else index.parent / FOLDER)
 

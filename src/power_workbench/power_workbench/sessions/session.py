@@ -112,7 +112,7 @@ class WorkbenchSession:
 
     @property
     def lines(self) -> list[Mapping[str, Any]]:
-        """Other models on the same recordings: name and held-out error."""
+        """Other models judged on the same recordings: {name, rmse_w} of each."""
         key = self._key()
         return self._seen.lines.get(key[0], []) if key else []
 
@@ -136,7 +136,7 @@ class WorkbenchSession:
         return Source.of(opened, self.record.effect_files), self.spec
 
     def take(self, *steps: SessionStep) -> None:
-        """Take steps one after the other; InputError while other work runs."""
+        """Begin to take steps one after the other; InputError while other work runs."""
         with self._lock:
             self._require_idle()
             if steps[0].kind not in ('open', 'effects'):

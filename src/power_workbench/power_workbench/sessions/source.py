@@ -39,7 +39,7 @@ class Source:
 
     @property
     def unchecked(self) -> 'Source':
-        """The same recordings, whatever effects may be run."""
+        """The same recordings without hashes and files of effects, for comparison."""
         return replace(self, sha256=(), effect_files=())
 
     @property
@@ -75,7 +75,7 @@ class SeenModels:
         self.views[key] = view
 
     def keep_budget(self, key: Key, budget: Mapping[str, Any]) -> None:
-        """Keep a budget as the latest; the eldest gives way, and no first look to a whole one."""
+        """Keep a budget as the latest, unless it is a first look and a whole one is known."""
         known = self.budgets.pop(key, None)
         if known is not None and budget.get('first') and not known.get('first'):
             budget = known
@@ -84,7 +84,7 @@ class SeenModels:
         self.budgets[key] = budget
 
     def keep_line(self, source: Source, line: Mapping[str, Any]) -> None:
-        """Keep a line (name and error of another model), in place of a former of that name."""
+        """Keep name and error of another model, in place of a former entry of that name."""
         others = [one for one in self.lines.get(source, []) if one['name'] != line['name']]
         self.lines[source] = [*others, line]
 

@@ -116,7 +116,7 @@ class SessionWorker:
         self._loaded = self._cache.loaded(key) or self._loaded
 
     def effects(self, show: Show, files: Sequence[str]) -> dict[str, Any]:
-        """Check that files of effects can be run; return nothing that is shown."""
+        """Check that files of effects can be run; return an empty result, InputError if not."""
         load_catalogue([Path(file) for file in files])
         return {}
 
@@ -199,7 +199,7 @@ class SessionWorker:
             tell({'error': f'{type(error).__name__}: {error}'})
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
-        """Write the page of the diagnosis; return its name."""
+        """Write the diagnosis as an HTML page to output; return its name."""
         outcome = self._diagnosed(show, source, spec)
         show('progress', 'writing the report')
         from power_lab.report.page import write_diagnosis  # slow to import: plots

@@ -27,7 +27,7 @@ _FEWEST = 5  # periods
 
 @dataclass(frozen=True)
 class StridePhase:
-    """Phase from 0 to 1 of each row [N], NaN where nothing strides; or the reason for none."""
+    """Phase of each row in the stride, 0 to 1, NaN where nothing strides; or why there is none."""
 
     phase: Singles | None
     period: float  # s
@@ -101,7 +101,7 @@ BETWEEN = 2.0
 
 @dataclass(frozen=True)
 class StateWords:
-    """A word for each row and drive, as its place in a few texts."""
+    """Word for each row and drive, kept as the index into the few texts that occur."""
 
     texts: tuple[str, ...]
     places: NDArray[np.int32] | NDArray[np.uint8]  # [N, D]
@@ -117,7 +117,7 @@ class StateWords:
         return cls(tuple(texts), places.astype(np.uint8) if len(texts) < 256 else places)
 
     def rows(self, text: str, column: int) -> NDArray[np.bool_]:
-        """Mark the rows [N] of a drive that have a word."""
+        """Mark the rows [N] of a drive, by its column, that have the word `text`."""
         if text not in self.texts:
             return np.zeros(len(self.places), bool)
         return np.asarray(self.places[:, column] == self.texts.index(text))
@@ -151,11 +151,11 @@ class PowerView:
 
     @property
     def length(self) -> int:
-        """Slots from the first to the last row."""
+        """Number of slots from the first to the last row."""
         return int(self.slots[-1]) + 1 if len(self.slots) else 0
 
     def spans(self, start: float, stop: float) -> list[LeftOut]:
-        """Parts of the recordings that are shown from start to stop [s]."""
+        """Return the parts of the recordings that are shown from start to stop, s."""
         seconds, found = self.slots / REDUCED_RATE, []
         for number in range(len(self.recordings)):
             own = (self.recording == number) & (seconds >= start) & (seconds < stop)
@@ -166,7 +166,7 @@ class PowerView:
 
     @property
     def hidden(self) -> list[tuple[float, float]]:
-        """Seconds, as they are shown, between which the recordings are left out."""
+        """Spans (start, stop), s as they are shown, in which the recordings are left out."""
         found = []
         for span in self.left_out:
             own = (self.recording == span.recording) & (self.time >= span.start)
@@ -197,7 +197,7 @@ class PowerView:
 
     @cached_property
     def worst(self) -> tuple[float, float]:
-        """Seconds between which the drives together fail most, or draw most without a model."""
+        """Span (start, stop), s as shown, of the largest error, without a model of most power."""
         if self.share < 1.0:
             return 0.0, self.seconds
         values = self.measured if self.residual is None else self.residual
@@ -207,7 +207,7 @@ class PowerView:
 
     @cached_property
     def stride(self) -> StridePhase:
-        """Phase of the motion, where it repeats itself."""
+        """Phase of the motion, or the reason why it does not repeat itself."""
         if 'position' not in self.state:
             return StridePhase(None, 0.0, 0, 'there is no position')
         return stride_phase(self.state['position'], self.slots)
