@@ -140,7 +140,7 @@ class Effect:
         return hash(self.name)
 
     def usable(self, signals: Signals, **shape: float) -> bool:
-        """Return whether the signals that this shape needs were recorded."""
+        """Return whether signals can show the effect with this shape."""
         if self.needs_joint_torque and signals.at_motor.all():
             return False
         if signals.steady and (self.needs_time or self.remembers):
@@ -181,7 +181,7 @@ def _stated_by(form: type[Effect]) -> Effect:
 
 
 def factors_by_unit(terms: Sequence[Term], scale: DriveScale, of_sensor: bool = False) -> Floats:
-    """Return the factors [D, n] that the units of terms have in drives of a scale."""
+    """Return the factors [D, n] of terms in drives of a scale, by `DriveScale.factor`."""
     return np.stack([scale.factor(t.unit, of_sensor=of_sensor) for t in terms], axis=-1)
 
 

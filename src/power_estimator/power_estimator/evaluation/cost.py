@@ -44,7 +44,7 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
 def policy_step_cost(
     model: PowerModel, drives: Sequence[str], robots: int, tries: int = 5
 ) -> float:
-    """Return µs per robot and policy step: four samples of all drives, robots side by side."""
+    """Return the µs per robot and policy step: four samples of all drives, robots at once."""
     batch = BatchPower(model, drives, robots)
     rng = np.random.default_rng(0)
     x = rng.normal(size=(3, robots, 4, len(drives))).astype(np.float32) * np.float32(0.1)

@@ -16,7 +16,7 @@ LONGEST = 4.0  # s
 
 @dataclass(frozen=True)
 class Traces:
-    """A stretch of held-out data at 50 Hz: a drive, and the whole robot where it was measured."""
+    """Held-out traces at 50 Hz: of a drive, and of the whole robot where it was measured."""
 
     time: Floats  # s [N]
     drive: str

@@ -176,7 +176,7 @@ class Judge:
         return isinstance(model, EffectModel) and bool(knows(model, self.recordings).all())
 
     def score(self, model: PowerModel) -> JudgedModel:
-        """Score one model; InputError where it knows no row."""
+        """Return the scores of one model; InputError where it knows no row."""
         return self.compare([model])[0]
 
     def compare(
@@ -187,7 +187,7 @@ class Judge:
         *,
         supply: bool = False,
     ) -> tuple[JudgedModel, ...]:
-        """Score models on the rows that all of them know.
+        """Return scores of models, in order, on the rows that all of them know.
 
         names: as they are shown; types: of drives that are scored together; supply: against the
         power of the whole robot, too. InputError where no row is left.

@@ -41,10 +41,10 @@ class JudgedDrives:
 
 @dataclass(frozen=True)
 class ReadRecordings:
-    """Aligned recordings, with what is known of each.
+    """Aligned recordings, with what else was read of each.
 
-    doubts: refusal in a line of each that contradicts itself, '' for none. changes: of the power
-    of each one's slowest meter, 1/s; NaN without a meter.
+    doubts: why each recording contradicts itself, in a line, '' for none. changes: 1/s, of the
+    power of each one's slowest meter; NaN without a meter.
     """
 
     data: AlignedDataset
@@ -55,7 +55,7 @@ class ReadRecordings:
 
 
 def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
-    """Read recordings in this process, which keeps their aligned signals alone."""
+    """Read and align recordings in this process; judged: drives whose signals are checked."""
     recordings = open_recordings(paths)
     rate, joints = RATE, None
     if sum(recording.duration for recording in recordings) >= _LONG:

@@ -143,7 +143,7 @@ class Loaded:
         return replace(self, data=data)
 
     def without(self, texts: Sequence[str]) -> 'Loaded':
-        """Leave seconds out of all judgement: FROM:TO, or N@FROM:TO of the N-th recording."""
+        """Return recordings without some seconds: FROM:TO, or N@FROM:TO of the N-th recording."""
         if not texts:
             return self
         spans = spans_of(texts)

@@ -57,7 +57,7 @@ class LiveBudget:
 
     @property
     def parts(self) -> Mapping[str, float]:
-        """W by part, the largest first; empty before the first estimate."""
+        """Mean power by part, W, the largest first; empty before the first estimate."""
         if not self._rows:
             return {}
         means = dict(zip(self._names, (self._sum / len(self._rows)).tolist(), strict=True))

@@ -225,7 +225,7 @@ class Shift:
 
     @property
     def sentence(self) -> str:
-        """The alarm in words."""
+        """Alarm in words."""
         more = 'more' if self.watts > 0 else 'less'
         return (
             f'{self.drive} draws {abs(self.watts):.2f} W {more} than the reference, for '
@@ -274,7 +274,7 @@ class ChangeWatch:
         return 1.0 if self._detector else len(self._learned) / self._needed
 
     def report(self) -> tuple[bool, str, dict[str, str]]:
-        """Return whether nothing changed, a sentence, and figures."""
+        """Return whether nothing changed, a sentence, and figures as text by name."""
         figures = {
             'alarms': str(len(self.alarms)),
             'false alarms allowed': f'{self.config.false_alarms_per_month:g} a month of motion',

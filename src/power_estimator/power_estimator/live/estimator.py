@@ -246,7 +246,7 @@ class LiveConfig(CheckedFields):
 
 @dataclass(frozen=True)
 class LiveSample:
-    """Signals of D drives at the model's rate."""
+    """One sample of D drives at the model's rate."""
 
     stamp: int  # ns, of the newest joint state in it
     signals: Floats  # in SI units [S, D]

@@ -110,7 +110,7 @@ _TOPICS = {
 
 
 def topics_of(inputs: Iterable[str]) -> set[str]:
-    """Return the topics that bring these inputs."""
+    """Return the names of the topics that bring these inputs of a model."""
     return {_TOPICS.get(name, 'joint_states') for name in inputs}
 
 
@@ -197,7 +197,7 @@ class LiveSession:
         return () if self._live is None else self._live.drives
 
     def command(self, command: Vector, arrival: float) -> None:
-        """Take position targets [1, names] in rad; NaN for none."""
+        """Take position targets [1, names] in rad, NaN for none; arrival: s."""
         if 'joint_commands' not in self.topics:
             return
         self._hear('joint_commands', arrival)

@@ -71,7 +71,7 @@ class Distillation:
         return replace(found, training={**found.training, 'teacher': spec})
 
     def test(self, checkpoint: Checkpoint, recordings: Loaded) -> DistillationResult:
-        """Judge both on what neither was trained on, with smoothed and with live features."""
+        """Judge student and teacher where neither was trained, with smoothed and live features."""
         student = PowerPredictionNetwork(checkpoint, STUDENT)
         teacher = PowerPredictionNetwork(self.teacher.checkpoint, TEACHER)
         types = self.validation.types

@@ -73,7 +73,10 @@ class Protocol(CheckedFields):
 def runs(
     labels: NDArray[np.int8], segment: NDArray[np.integer], part: Part, shortest: int = 1
 ) -> Iterator[slice]:
-    """Yield stretches of rows of one part, each in one segment, of at least `shortest` rows."""
+    """Yield slices of at least `shortest` rows of one part, each within one segment.
+
+    labels, segment: part and number of the gap-free stretch of each row [T].
+    """
     inside = labels == part
     border = np.flatnonzero((np.diff(inside.astype(np.int8)) != 0) | (np.diff(segment) != 0)) + 1
     edges = [0, *border.tolist(), len(labels)]

@@ -88,7 +88,7 @@ class NetworkRunFolder:
         write_whole(self._state / f'{job}.safetensors', content)
 
     def load_state(self, job: str) -> dict[str, NDArray[Any]] | None:
-        """Return the state of a job, None before its start; InputError for a damaged file."""
+        """Return arrays of a job's state, None before its start; InputError for a damaged file."""
         file = self._state / f'{job}.safetensors'
         if not file.exists():
             return None

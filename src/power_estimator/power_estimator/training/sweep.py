@@ -38,7 +38,7 @@ _SHORTEST_CHUNK = 20
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """Hidden units and history of a network; history None: carried state."""
+    """Point of a sweep: hidden units and history of a network; history None: carried state."""
 
     hidden: int
     history: int | None = None  # samples
@@ -56,7 +56,7 @@ class SweepPoint:
         return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
 
     def training(self, base: TrainerConfig) -> TrainerConfig:
-        """Return the training for its use: with carried state, or windows of the history.
+        """Return the settings of the training, for carried state or windows of the history.
 
         Batches have about as many samples at every history.
         """
@@ -113,7 +113,7 @@ class Result:
 
 
 class Sweep:
-    """Training and test of one point after the other, all on the same held-out samples.
+    """Training and test of several sizes and histories, all on the same held-out samples.
 
     A finished point leaves `points/NAME/point.json` and is not repeated.
     """

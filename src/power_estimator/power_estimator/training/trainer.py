@@ -142,7 +142,7 @@ class Trainer:
         return number >= self.config.epochs or since >= self.config.patience
 
     def epoch(self) -> Epoch:
-        """Pass once over the training data and validate."""
+        """Pass once over the training data, validate, and return the result."""
         number = len(self.history) + 1
         self._carried = None
         rng = np.random.default_rng([self.config.seed, number])
@@ -156,7 +156,7 @@ class Trainer:
         return result
 
     def validate(self) -> float:
-        """Return R² at 50 Hz on the validation tracks, with carried state."""
+        """Return R² at 50 Hz of the network on the validation tracks, with carried state."""
         edges = self._validation.edges
         lengths = np.diff(edges)
         x = torch.zeros(int(lengths.max()), len(lengths), len(FEATURES))
@@ -183,7 +183,7 @@ class Trainer:
         return tensors | {'history': np.array(rows, np.float64).reshape(-1, 3)}
 
     def restore(self, tensors: Mapping[str, NDArray[np.floating]]) -> None:
-        """Continue from `state`; KeyError or RuntimeError if it belongs to another network."""
+        """Continue from `state`; KeyError or RuntimeError if it is of another network."""
         self.network.load_state_dict(
             {k: torch.from_numpy(tensors[f'now/{k}'].copy()) for k in self.network.state_dict()}
         )

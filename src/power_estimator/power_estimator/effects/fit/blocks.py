@@ -62,11 +62,11 @@ _THREADS = _Threads()
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Return the function's results in the order of the items.
+    """Return the function's results in the order of the items, worked out by several threads.
 
-    As many threads share the work as a matrix product may use, and each product has one of them
-    meanwhile: whoever limits those limits these. The results do not depend on the number of
-    threads; the function must not change what it shares.
+    Threads are as many as a matrix product may use, and each product has one of them meanwhile:
+    whoever limits those limits these. The results do not depend on the number of threads; the
+    function must not change what it shares.
     """
     threads = min(_THREADS.to_share(), len(items))
     if threads < 2:
@@ -80,7 +80,7 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
 
 @contextmanager
 def one_thread_a_product() -> Iterator[None]:
-    """Give each matrix product one thread, and `for_each` as many as products had before.
+    """Limit each matrix product within `with` to one thread; `for_each` keeps its threads.
 
     Products of a few hundred columns gain nothing from a second thread, and wait for it thirty
     times as long as they take where another process has the core.
@@ -117,7 +117,7 @@ class Blocks:
 
     @classmethod
     def of(cls, prepared: Prepared, settings: FitSettings | None = None) -> 'Blocks':
-        """Cut prepared signals into blocks that cross no gap."""
+        """Cut prepared signals into blocks that cross no gap; the longest that enough fit in."""
         settings = settings or FitSettings()
         window = prepared.reducer.window
         lengths = [round(s * REDUCED_RATE) for s in settings.block_seconds]

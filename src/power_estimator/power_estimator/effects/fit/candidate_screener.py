@@ -37,7 +37,7 @@ class Screened:
 
 @dataclass(frozen=True)
 class Trial:
-    """A subset of the candidates fitted to everything, at its own best delay."""
+    """A subset of the candidates fitted to all blocks, at its best delay."""
 
     actives: tuple[Active, ...]
     columns: NDArray[np.intp]  # of the base and the subset, filled up with the empty column

@@ -85,7 +85,7 @@ class Structure:
 
     @property
     def free(self) -> tuple[Active, ...]:
-        """Effects with coefficients to fit."""
+        """Effects with coefficients to fit; their terms are the m columns."""
         return tuple(active for active in self.actives if active.effect.fixed is None)
 
     @property
@@ -150,7 +150,7 @@ class Structure:
         return np.array(moves, dtype=bool) | any(drawn)
 
     def with_discrepancies(self) -> 'Structure':
-        """Return the structure with the discrepancy of every effect that has one."""
+        """Return the structure with the discrepancy of each effect that has one, see `Effect`."""
         found = [(active, discrepancy_of(active.effect)) for active in self.actives]
         return self.plus(
             *(
@@ -175,9 +175,9 @@ class Structure:
 
 @dataclass(frozen=True)
 class Design:
-    """A structure linearised about one set of coefficients.
+    """Structure linearised about one set of coefficients.
 
-    The model's reduced power is columns @ coefficients + constant.
+    The reduced power of the model, W [N, D], is columns · coefficients + constant.
     """
 
     structure: Structure

@@ -44,7 +44,7 @@ class Kept(Generic[Value]):
         return value
 
     def put(self, key: Hashable, value: Value, size: int) -> None:
-        """Keep a value of a size in bytes."""
+        """Keep a value of `size` bytes; those used least recently go for it."""
         self.drop(key)
         self._values[key] = (value, size)
         self._used += size
@@ -53,7 +53,7 @@ class Kept(Generic[Value]):
             self._used -= freed
 
     def drop(self, key: Hashable) -> None:
-        """Forget the value of a key."""
+        """Remove the value of a key, if it is kept."""
         if key in self._values:
             self._used -= self._values.pop(key)[1]
 
@@ -162,7 +162,7 @@ class DesignBuilder:
         return found, joined[..., start:]
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """Return the part of the model's power at the point that its columns lack, W [N, D]."""
+        """Return the part of the power at a point that is not in its columns, W [N, D]."""
         return self.prepared.reduced(point.power) - modelled(columns, point.coefficients)
 
     def _seen(self, power: Floats) -> Floats:

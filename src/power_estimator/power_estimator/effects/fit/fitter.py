@@ -70,7 +70,7 @@ class Fit:
 
     @property
     def target(self) -> Floats:
-        """Power with the delay taken out, less the design's constant, W [N, D]."""
+        """Power with the delay taken out, less the constant of the design, W [N, D]."""
         return self.fitter.linear(self).target
 
     def at_bound(self, drive: int, column: int) -> Literal['', 'lower', 'upper']:

@@ -102,7 +102,7 @@ class WholeBuilder(DesignBuilder):
         return power.sum(axis=1, keepdims=True)
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """Return the part of the robot's power at the point that its columns lack, W [N, 1]."""
+        """Return the part of the robot's power at a point that is not in columns, W [N, 1]."""
         power = self.prepared.reduced(self._seen(point.power))
         known: Floats = np.einsum('tdn,dn->td', columns, point.coefficients[:1])
         return power - known

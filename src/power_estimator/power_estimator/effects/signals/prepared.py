@@ -85,7 +85,7 @@ class Prepared:
 
     @property
     def scale(self) -> DriveScale:
-        """Scale of the meters."""
+        """Scale of the metered drives, or of the robot."""
         return self.signals.scale.whole() if self.whole else self.signals.scale
 
     @property

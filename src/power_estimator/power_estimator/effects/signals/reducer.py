@@ -33,12 +33,12 @@ class Reducer:
 
     @property
     def factor(self) -> int:
-        """Input samples for each reduced one."""
+        """Number of input samples for each reduced one."""
         return 1 if self.steady else max(1, round(self.rate / REDUCED_RATE))
 
     @cached_property
     def margin(self) -> int:
-        """Input samples lost at each end of a stretch: filter and largest shift."""
+        """Number of input samples lost at each end of a stretch, to filter and largest shift."""
         if self.steady:
             return 0
         half = max(HALF_WIDTH, self.window / 2)

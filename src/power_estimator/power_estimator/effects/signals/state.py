@@ -30,7 +30,7 @@ class Carried:
 
     @property
     def unknown(self) -> float:
-        """Largest share of a state that stems from before the first sample."""
+        """Largest share of a state that stems from before the first sample, 0 to 1."""
         return max(self._unknown.values(), default=0.0)
 
     def before(self, effect: Hashable, time: float) -> tuple[float, Floats] | None:
