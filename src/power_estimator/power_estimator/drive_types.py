@@ -14,7 +14,7 @@ _LEG = re.compile(r'^(?:[LR][FHMBR]|[FHMBR][LR]|left|right)_(?P<type>.+)$', re.I
 
 @dataclass(frozen=True)
 class DriveType:
-    """Drives that are built and placed alike, found by name patterns (`*_HAA`)."""
+    """Drives that are built and placed alike, found by name patterns such as `*_HAA`."""
 
     name: str
     patterns: tuple[str, ...]
@@ -54,7 +54,7 @@ def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
 
 
 def parse_types(texts: Sequence[str]) -> tuple[DriveType, ...]:
-    """Parse `NAME=PATTERN[,PATTERN…]`; InputError for another form or a name twice."""
+    """Parse texts `NAME=PATTERN[,PATTERN…]`; InputError for another form or a name twice."""
     types = []
     for text in texts:
         name, equals, patterns = text.partition('=')
@@ -68,7 +68,7 @@ def parse_types(texts: Sequence[str]) -> tuple[DriveType, ...]:
 
 
 def assign(drives: Sequence[str], types: Sequence[DriveType]) -> dict[str, list[int]]:
-    """Return the columns of each type among the drives, by type name; the first match counts."""
+    """Return {name of type: columns of its drives}; the first type that matches a drive counts."""
     columns: dict[str, list[int]] = {t.name: [] for t in types}
     for column, drive in enumerate(drives):
         for t in types:
@@ -79,16 +79,16 @@ def assign(drives: Sequence[str], types: Sequence[DriveType]) -> dict[str, list[
 
 
 class OfType(Protocol):
-    """Anything that belongs to a drive type."""
+    """Protocol of what belongs to a drive type, such as a network."""
 
     @property
     def type(self) -> DriveType:
-        """Its drive type."""
+        """Drive type that it belongs to."""
 
 
 Item = TypeVar('Item', bound=OfType)
 
 
 def owners(drives: Sequence[str], items: Sequence[Item]) -> list[Item | None]:
-    """Return the first of the items that each drive belongs to, None for others."""
+    """Return for each drive the first item whose type matches its name, None without one."""
     return [next((i for i in items if i.type.matches(drive)), None) for drive in drives]

@@ -19,12 +19,11 @@ _EFFECTS: Final = ('shaft', 'copper_loss', 'idle')
 
 
 def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
-    """Find a power model: `ppn:FILE_OR_RUN`, a proxy (`torque_squared`) or a `*.yaml` of effects.
+    """Return the power model of a name or file; InputError names what is missing or wrong.
 
-    `plain` is mechanical power, a loss by torque² and a constant draw, not fitted yet.
-
-    catalogue: the effects that a file may name, by default those that are shipped. InputError
-    names what is missing or wrong.
+    spec: `ppn:FILE_OR_RUN`, a proxy (`torque_squared`), `FILE.yaml` of effects, or `plain`. The
+    last is mechanical power, a loss by torque² and a constant draw, not fitted yet. catalogue: the
+    effects that a file may name, by default those that are shipped.
     """
     kind, colon, rest = spec.partition(':')
     if colon and kind == 'ppn':
@@ -46,7 +45,7 @@ def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
 
 
 def load_base(spec: str) -> PowerModel:
-    """Find the base model of a model of effects: a network or a proxy, not another model file."""
+    """Return the base model of a model of effects, `ppn:RUN` or a proxy; InputError for others."""
     if spec.endswith(('.yaml', '.yml')):
         raise InputError(
             f'base {quoted(spec)}: a base model is ppn:RUN or a proxy, not a model file'
@@ -55,7 +54,7 @@ def load_base(spec: str) -> PowerModel:
 
 
 def base_of(model: EffectModel) -> PowerModel | None:
-    """Return the base model of a model of effects: a proxy with the factors that its file has."""
+    """Return the base of a model of effects, a proxy with the factors of its file; or None."""
     if model.base is None or model.base_model is not None:
         return model.base_model
     base = load_base(model.base)
@@ -67,7 +66,7 @@ def base_of(model: EffectModel) -> PowerModel | None:
 
 
 def on_base(model: EffectModel, base: PowerModel | None) -> EffectModel:
-    """Return the model on its base model, whose factors its groups keep."""
+    """Return the model of effects on a base; its drive groups keep the factors of a proxy."""
     if not isinstance(base, Proxy):
         return replace(model, base_model=base)
     groups = []

@@ -10,11 +10,11 @@ from wattwalk_core.arrays import Singles
 
 @dataclass(frozen=True)
 class Needs:
-    """Inputs of a power model, and the past that they have to reach back to.
+    """Inputs of a power model, and how long a past of them it needs.
 
     Inputs are `position_error`, `torque`, `velocity`, `position`, `voltage`, `temperature` (of the
-    winding) and `power` (measured, of a proxy without a factor), each with the effect that asks
-    for it, '' for the model as a whole.
+    winding) and `power` (measured, of a proxy without a factor). Each has the effect that needs
+    it, '' for the model as a whole.
     """
 
     inputs: Mapping[str, str]  # without one of them there is no estimate
@@ -27,7 +27,7 @@ class Needs:
     together: str = ''  # effect that looks at all drives of a bus at once
 
     def joined(self, others: Iterable['Needs']) -> 'Needs':
-        """Return the needs of a model that has these parts, at this rate."""
+        """Return the joint needs of this and other parts of a model, at this one's rate."""
         whole = self
         for one in others:
             longest = max((whole, one), key=lambda needs: (needs.memory, not needs.carried))
@@ -51,7 +51,7 @@ class Needs:
 
 
 class PowerModel(Protocol):
-    """Anything that turns aligned signals into watts per drive."""
+    """Protocol of all models that turn aligned signals into the electrical power of each drive."""
 
     @property
     def name(self) -> str:

@@ -14,7 +14,7 @@ from power_estimator.model import Needs
 
 
 def acceleration(data: AlignedDataset) -> Singles:
-    """Joint acceleration in rad/s² [T, D]: central differences of speed inside each segment."""
+    """Return joint acceleration in rad/s² [T, D]: central differences of speed in each segment."""
     result = np.full_like(data.velocity, np.nan)
     for run in data.segments():
         if run.stop - run.start > 1:
@@ -37,10 +37,10 @@ WATTS: Final = ('mechanical_power', 'mechanical_power_positive')
 
 @dataclass(frozen=True)
 class Proxy:
-    """A signal times one factor per drive type, so that its mean is that of the measured power.
+    """Signal times one factor per drive type, so that its mean is that of the measured power.
 
     The factor comes from `fit`; a proxy without one takes it from the power measured in the data
-    of the prediction, as Section II-A of the paper does.
+    of the prediction, as Section II-A of the paper does. InputError for a name not in PROXIES.
     """
 
     name: str
@@ -53,14 +53,18 @@ class Proxy:
 
     @property
     def needs(self) -> Needs:
-        """Torque and speed, and measured power where it has no factor."""
+        """Torque and speed, and measured power where the proxy has no factor."""
         inputs = dict.fromkeys(('torque', 'velocity'), '')
         if not self.factors and self.name not in WATTS:
             inputs['power'] = 'its factor to watts'
         return Needs(inputs, RATE, smooth=True, memory=2 / RATE)
 
     def fit(self, data: AlignedDataset, types: tuple[DriveType, ...] = ()) -> 'Proxy':
-        """Return the proxy with its mean scaled to the measured mean, per drive type."""
+        """Return the proxy with a factor per drive type that makes its mean the measured mean.
+
+        types: inferred from the drives' names if empty. A type without measured power gets no
+        factor.
+        """
         types = types or infer_types(data.names)
         signal = PROXIES[self.name](data)
         factors = {}
@@ -74,7 +78,7 @@ class Proxy:
     def predict(self, data: AlignedDataset) -> Singles:
         """Return the scaled signal in W [T, D]; NaN for drives without a factor.
 
-        A proxy in watts is not scaled where no power was measured.
+        Without measured power a proxy in watts is not scaled; InputError for any other.
         """
         proxy = self if self.factors else self.fit(data)
         signal = PROXIES[self.name](data)

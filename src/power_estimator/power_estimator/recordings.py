@@ -23,7 +23,7 @@ _ALIKE = 1.2  # ratio of rates that count as one
 
 
 def check_sampling(recordings: Sequence[Recording]) -> None:
-    """Raise InputError for joint states whose rate is too low or changes.
+    """Raise InputError if joint states come at under 195 Hz, change their rate, or differ in it.
 
     A filter or a bin of another rate is another feature; models are not trained on a mixture.
     """
@@ -83,7 +83,7 @@ class TrainingSet:
     drives: tuple[str, ...] = ()  # patterns of the drives that were asked for; none for all
 
     def as_live(self) -> AlignedDataset:
-        """Return the data with the live node's features in place of the smoothed signals."""
+        """Return the data with live features as signals: the error as command, position 0."""
         error, torque, velocity = np.moveaxis(self.live, 2, 0)
         position = np.where(np.isfinite(error), 0, np.nan).astype(np.float32)
         return replace(
@@ -92,7 +92,7 @@ class TrainingSet:
 
 
 def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingSet:
-    """Load several recordings as one set.
+    """Load several recordings as one set at 200 Hz; drives: name patterns, none for all.
 
     InputError for a recording that is given twice, cannot be read, has another rate, or whose
     signals contradict each other.
@@ -109,9 +109,10 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
 
 
 def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> AlignedDataset:
-    """Align recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
+    """Align recordings at 200 Hz, with the drives that fit one of the name patterns, or all.
 
-    The robot's supply is left out if some of its drives are.
+    The robot's supply is unknown (NaN) if some of its drives are left out. InputError for a
+    pattern that fits no drive.
     """
     data = load_aligned(recordings, rate=200.0)
     if not drives:
@@ -150,7 +151,7 @@ def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) 
 
 
 def describe(path: Path) -> TrainingRecording:
-    """Return name, card and hash of a recording; the hash is of its MCAP files alone."""
+    """Return name, SHA-256 of the MCAP files, and card of a recording; InputError if it fails."""
     files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
     digest = hashlib.sha256()
     for file in files:

@@ -24,7 +24,7 @@ class Score:
     interval_w: float = float('nan')  # its mean width
 
     def json(self) -> dict[str, float | None]:
-        """All of it with the digits that files keep; None for NaN."""
+        """Return all fields by name, to eight significant digits; None for NaN."""
         return {
             key: float(f'{value:.8g}') if np.isfinite(value) else None
             for key, value in asdict(self).items()
@@ -39,13 +39,13 @@ def r2(measured: ArrayLike, estimated: ArrayLike) -> float:
 
 
 def rmse(measured: ArrayLike, estimated: ArrayLike) -> float:
-    """Return the root of the mean squared error, in the unit of the inputs."""
+    """Return the root of the mean squared error, in the unit of the inputs; NaN without pairs."""
     y, f = _pairs(measured, estimated)
     return float(np.sqrt(np.mean((y - f) ** 2))) if y.size else float('nan')
 
 
 def bias(measured: ArrayLike, estimated: ArrayLike) -> float:
-    """Return the mean of estimated minus measured, in the unit of the inputs."""
+    """Return the mean of estimated − measured, in the unit of the inputs; NaN without pairs."""
     y, f = _pairs(measured, estimated)
     return float(np.mean(f - y)) if y.size else float('nan')
 
@@ -53,9 +53,10 @@ def bias(measured: ArrayLike, estimated: ArrayLike) -> float:
 def energy_error(
     measured: ArrayLike, estimated: ArrayLike, rate: float, window: float = 60.0
 ) -> float:
-    """Return the mean |error| of the energy over windows (s), over the mean measured energy.
+    """Return the mean |error| of the energy over windows, relative to the mean measured energy.
 
-    An incomplete window counts only if there is no full one.
+    rate: Hz of the samples, in W; window: s. An incomplete window counts only if there is no full
+    one. NaN if no energy was measured.
     """
     y, f = _pairs(measured, estimated)
     n = min(round(window * rate), y.size)
@@ -69,14 +70,14 @@ def energy_error(
 
 
 def score(measured: ArrayLike, estimated: ArrayLike, rate: float) -> Score:
-    """Return all scores of one estimate sampled at rate (Hz); pairs with a NaN are left out."""
+    """Return all scores of an estimate, W, sampled at rate (Hz); pairs with a NaN are left out."""
     y, f = _pairs(measured, estimated)
     joules = (float((f - y).sum() / rate), float(y.sum() / rate)) if y.size else ()
     return Score(r2(y, f), rmse(y, f), bias(y, f), energy_error(y, f, rate), int(y.size), *joules)
 
 
 def coverage(found: Score, measured: ArrayLike, low: ArrayLike, high: ArrayLike) -> Score:
-    """Add the share of the measured power that lies in intervals, and their mean width."""
+    """Return the score with the share of measured power in [low, high], and their mean width."""
     y, a, b = (np.asarray(values, np.float64).ravel() for values in (measured, low, high))
     known = np.isfinite(y) & np.isfinite(a)
     if not known.any():
@@ -90,8 +91,8 @@ def coverage(found: Score, measured: ArrayLike, low: ArrayLike, high: ArrayLike)
 def block_means(values: Singles, runs: Iterable[slice], block: int = 4) -> Singles:
     """Return the mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
 
-    values [T, …] → [N, …]; blocks lie inside the runs, rows that fill no block are left out, and
-    a block with a NaN is NaN.
+    values [T, …] → [N, …]; blocks lie inside the runs (slices of rows), rows that fill no block
+    are left out, and a block with a NaN is NaN.
     """
     parts = []
     for run in runs:

@@ -19,7 +19,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(KeyboardInterrupt):
-    """End by a signal; the message, if any, is one line for the user."""
+    """Exception for an end by a signal; the message, if any, is one line for the user."""
 
     def __init__(self, number: signal.Signals, message: str = '') -> None:
         super().__init__(message)
@@ -67,7 +67,7 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 class DeferredSignals(RaisedSignals):
-    """The same, but the first signal is only noted, for loops that must end between two writes."""
+    """RaisedSignals that only stores a first signal, so that loops can end between two writes."""
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.received is not None:
@@ -205,13 +205,13 @@ def own_arguments(args: Sequence[str] | None = None) -> list[str]:
 def node_options(
     parser: argparse.ArgumentParser, args: Sequence[str] | None
 ) -> argparse.Namespace:
-    """Parse a node's arguments without those of ROS; `ros_args` of the options holds all."""
+    """Parse a node's arguments; those of ROS are ignored, and all of them are in `ros_args`."""
     given = sys.argv[1:] if args is None else list(args)
     return parser.parse_args(own_arguments(given), argparse.Namespace(ros_args=given))
 
 
 def watt_hours(text: str) -> float:
-    """Parse the energy of a battery, `907Wh` or `0.9kWh`, as an argument's type."""
+    """Parse the energy of a battery in Wh, `907Wh`, `0.9kWh` or `907`, as an argument's type."""
     value, unit = text.rstrip('Whk '), text.lstrip('0123456789.').strip()
     try:
         hours = float(value) * {'Wh': 1.0, 'kWh': 1e3, '': 1.0}[unit]

@@ -22,9 +22,10 @@ PICTURES = ('.png', '.svg', '.pdf')
 
 @contextmanager
 def progress(text: str) -> Iterator[Callable[[str], None]]:
-    """Show a text and the time since the start on stderr; the value changes the text.
+    """Show a text and the time since the start on stderr, within a `with` block.
 
-    Where that is no terminal, a line stands there each ten seconds.
+    Yields a function that replaces the text. Where stderr is no terminal, a line is printed every
+    ten seconds.
     """
     from rich.console import Console  # slow to import, and parsers import this file
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -45,7 +46,7 @@ def progress(text: str) -> Iterator[Callable[[str], None]]:
 
 
 def output(width: int = 100) -> 'Console':
-    """Return a console on stdout, of a fixed width where that is no terminal."""
+    """Return a console on stdout, `width` columns wide where that is no terminal."""
     from rich.console import Console  # slow to import, and parsers import this file
 
     size = None if sys.stdout.isatty() else width
@@ -58,7 +59,7 @@ def print_table(
     rows: Sequence[Sequence['str | Text']],
     title: str | None = None,
 ) -> None:
-    """Print a table whose first column is text, which may wrap, and whose others are numbers."""
+    """Print a table: the first column is text, which may wrap, the others are set to the right."""
     from rich.box import SIMPLE_HEAD  # slow to import, and parsers import this file
     from rich.table import Table
 
@@ -72,7 +73,7 @@ def print_table(
 
 
 def write_json(path: Path | None, content: Any) -> None:
-    """Write plain values as JSON, without a path nowhere.
+    """Write plain values as JSON; do nothing where path is None.
 
     InputError if it cannot be written, ValueError for NaN.
     """
@@ -83,7 +84,7 @@ def write_json(path: Path | None, content: Any) -> None:
 
 
 def finite(content: Any) -> Any:
-    """Return plain values with None for each number that is not finite, which JSON has not."""
+    """Return a copy of plain values with None for NaN and infinity, which JSON has not."""
     if isinstance(content, dict):
         return {key: finite(item) for key, item in content.items()}
     if isinstance(content, list | tuple):
@@ -92,7 +93,7 @@ def finite(content: Any) -> Any:
 
 
 def ending(option: str, *suffixes: str) -> Callable[[str], Path]:
-    """Return the type of an option that is a file's path; InputError for other suffixes."""
+    """Return an argparse type: a Path that ends in one of the suffixes, InputError for others."""
 
     def path(text: str) -> Path:
         if Path(text).suffix not in suffixes:

@@ -12,9 +12,9 @@ _AGAIN = 0.02  # s
 
 
 def install() -> None:
-    """Replace Python's default hooks for uncaught errors.
+    """Replace Python's default hooks for uncaught errors by ones that print one line for Ctrl-C.
 
-    Packages of commands do it, which only entry points import, so that libraries leave the hooks.
+    Packages of commands call it when they are imported, so that libraries leave the hooks.
     """
     if sys.excepthook is sys.__excepthook__:
         sys.excepthook = _on_uncaught
@@ -23,7 +23,7 @@ def install() -> None:
 
 
 def send_again(number: int) -> None:
-    """Send this process a signal once more, a moment later."""
+    """Send this process the signal `number` 20 ms later, from another thread."""
     # A threading.Thread takes locks that the interrupted code may hold.
     _thread.start_new_thread(_send_later, (number,))
 

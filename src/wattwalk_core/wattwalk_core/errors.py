@@ -10,13 +10,13 @@ _quote.maxlist = _quote.maxtuple = _quote.maxset = 4
 
 
 def quoted(value: object) -> str:
-    """Quote a value as Python writes it, cut to at most about 60 characters a part."""
+    """Return a value's repr, with long parts cut to about 60 characters and the whole to 120."""
     text = _quote.repr(value)
     return text if len(text) <= 2 * _SHOWN else f'{text[: 2 * _SHOWN]}…'
 
 
 def printable(text: str, longest: int = 200) -> str:
-    """Make white space single blanks, escape control characters, cut to `longest` characters."""
+    """Return text as one line: blanks collapsed, control characters escaped, cut to `longest`."""
     line = ' '.join(text.split())
     line = ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in line)
     return line if len(line) <= longest else f'{line[:longest]}…'

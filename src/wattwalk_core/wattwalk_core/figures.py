@@ -24,7 +24,7 @@ _DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color
 
 @contextmanager
 def style(dark: bool) -> Iterator[str]:
-    """Colours and lines of all pictures; gives the colour of text and measurements."""
+    """Set the style of pictures within `with`; gives the colour of text and measurements."""
     colours = _DARK if dark else _LIGHT
     ink = colours['text.color']
     settings: Any = {
@@ -44,7 +44,7 @@ def style(dark: bool) -> Iterator[str]:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture whole or not at all; InputError if it cannot be written."""
+    """Write a picture in the format of path's suffix, or nothing; InputError if it cannot."""
     FigureCanvasAgg(figure)
     stream = io.BytesIO()
     try:
@@ -55,9 +55,9 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def embedded(draw: Callable[[bool], Figure], words: str) -> str:
-    """Markup of a picture that follows the page's colours.
+    """Return the HTML of a picture that follows the page's colours, light or dark.
 
-    draw: makes the figure, given whether it is for a dark page. words: for those who cannot see.
+    draw: makes the figure, for a dark page if given True. words: alternative text.
     """
     light, dark = (_data(draw(it)) for it in (False, True))
     return (

@@ -33,7 +33,7 @@ _WAITING: ContextVar[dict[Path, Path] | None] = ContextVar('waiting', default=No
 
 
 class RecordingError(InputError):
-    """A file cannot be written; the message states what was kept and what was lost."""
+    """Error for a file that cannot be written; the message states what was kept and lost."""
 
 
 def read_bytes(path: Path, what: str, limit: int) -> bytes:
@@ -67,19 +67,19 @@ def regular_size(path: Path, what: str) -> int:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Return why a path cannot be opened."""
+    """Return the text of an error in opening a path, without its number and path."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def advice(error: OSError) -> str:
-    """Return the reason of an error of the disk, and a remedy."""
+    """Return the reason of an error in writing and, where one is known, a remedy."""
     return _ADVICE.get(error.errno or 0, error.strerror or str(error))
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write under a temporary name, then rename it to path; RecordingError if it cannot.
+    """Write a file, text as UTF-8, whole or not at all; RecordingError if it cannot be written.
 
-    Within `together` the renaming waits for the end of that block.
+    Within `together` it appears at the end of that block.
     """
     data = content.encode() if isinstance(content, str) else content
     temporary = path.with_name(f'.{path.name}.{os.getpid()}')
@@ -103,7 +103,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 @contextmanager
 def together() -> Iterator[None]:
-    """Let all files that `write_whole` writes within appear at the end, or none of them."""
+    """Let all files that `write_whole` writes within a `with` block appear at its end, or none."""
     waiting: dict[Path, Path] = {}
     token = _WAITING.set(waiting)
     try:
@@ -117,7 +117,7 @@ def together() -> Iterator[None]:
 
 
 def check_room(path: Path) -> None:
-    """InputError if the disk that path will be on has less than 64 MiB left."""
+    """Raise InputError if the disk that path will be on has less than 64 MiB left."""
     folder = next(p for p in path.absolute().parents if p.exists())
     free = shutil.disk_usage(folder).free
     if free < _ROOM:
@@ -128,7 +128,7 @@ def check_room(path: Path) -> None:
 
 @cache
 def code_fingerprint(*packages: str) -> str:
-    """Return a hash of the source files of packages or modules, by dotted name."""
+    """Return the SHA-256 in hex of the Python sources of packages or modules (dotted names)."""
     digest = hashlib.sha256()
     for name in packages:
         spec = find_spec(name)
@@ -141,7 +141,7 @@ def code_fingerprint(*packages: str) -> str:
 
 
 def file_fingerprint(paths: Iterable[Path]) -> str:
-    """Return a hash of the bytes of files, and of all files in folders."""
+    """Return the SHA-256 in hex of the names and bytes of files, and of all files in folders."""
     digest = hashlib.sha256()
     for path in paths:
         for file in sorted(path.rglob('*')) if path.is_dir() else [path]:

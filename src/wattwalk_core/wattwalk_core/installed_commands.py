@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 
 def installed_commands() -> dict[str, dict[str, EntryPoint]]:
-    """Return the commands of each package that was installed from a wheel, by name."""
+    """Return the commands that were installed from wheels: {package: {command: entry point}}."""
     found: dict[str, dict[str, EntryPoint]] = {}
     for entry in entry_points(group='wattwalk.commands'):
         found.setdefault(entry.module.partition('.')[0], {})[entry.name] = entry
@@ -21,7 +21,7 @@ def installed_commands() -> dict[str, dict[str, EntryPoint]]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a command; without one, print what there is."""
+    """Run `PACKAGE COMMAND [ARGUMENT …]` and return its exit code; without a command, list all."""
     package, name, *rest = [*(sys.argv[1:] if args is None else args), '', '']
     known = {key.removeprefix('power_'): value for key, value in installed_commands().items()}
     entry = known.get(package.removeprefix('power_'), {}).get(name)

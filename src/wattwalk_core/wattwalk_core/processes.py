@@ -18,11 +18,11 @@ _TICKS: Final = os.sysconf('SC_CLK_TCK')
 
 
 class ProcessError(Exception):
-    """A child process ended or timed out too early; the message has its last line."""
+    """Error of a child process that ended or timed out too early, with its last line."""
 
 
 def find_program(name: str) -> str:
-    """Return the path of a program, first of one beside this Python; ProcessError without it."""
+    """Return the path of a program, beside this Python or on PATH; ProcessError without it."""
     beside = Path(sys.executable).parent / name
     found = str(beside) if beside.is_file() else shutil.which(name)
     if found is None:
@@ -79,7 +79,7 @@ class ChildProcess:
 
     @property
     def output(self) -> str:
-        """Everything that was written so far."""
+        """Text that the process has written so far."""
         return self.log.read_text(errors='replace')
 
     @property
@@ -158,7 +158,7 @@ class ChildProcess:
         return self._process.wait()
 
     def kill(self) -> int:
-        """End the process and its children without asking; return the exit code."""
+        """End the process and its children by SIGKILL; return the exit code."""
         return self.end(0.0, ())
 
     def cpu_seconds(self) -> float:

@@ -20,9 +20,9 @@ _SECOND: Final = 1_000_000_000  # ns
 
 
 class RecentMean:
-    """Mean of the samples of the last seconds by their stamps, NaN before the first.
+    """Mean of the samples of the last `seconds`; NaN before the first sample.
 
-    Samples come in blocks, and leave as such. A block that goes back in time begins anew.
+    Samples leave in the blocks in which they came. A block that goes back in time begins anew.
     """
 
     def __init__(self, seconds: float = SECONDS) -> None:
@@ -30,7 +30,7 @@ class RecentMean:
         self._blocks: deque[tuple[int, float, int]] = deque()  # last stamp, sum, count
 
     def add(self, stamp_ns: NDArray[np.int64], values: NDArray[np.floating]) -> None:
-        """Add samples [N] in the order of their stamps; those that are not finite do not count."""
+        """Add samples [N] with ascending stamps [N], ns; non-finite samples do not count."""
         known = np.isfinite(values)
         if not known.any():
             return
@@ -43,18 +43,18 @@ class RecentMean:
 
     @property
     def value(self) -> float:
-        """The mean, in the unit of the samples."""
+        """Mean in the unit of the samples; NaN before the first."""
         count = sum(count for *_, count in self._blocks)
         return sum(total for _, total, _ in self._blocks) / count if count else nan
 
 
 def budget_figures(parts: Mapping[str, float]) -> dict[str, str]:
-    """Parts in W as figures of a report, `PART [W]`."""
+    """Return power by part, W, as figures of a diagnostics report: {'PART [W]': '1.234'}."""
     return {f'{name}{_UNIT}': f'{watts:.3f}' for name, watts in parts.items()}
 
 
 def parts_of(figures: Mapping[str, str]) -> dict[str, float]:
-    """Parts in W from the figures of a report; what is no number is left out."""
+    """Return power by part, W, from figures of `budget_figures`; others are left out."""
     found = {}
     for name, value in figures.items():
         if name.endswith(_UNIT):
@@ -67,14 +67,14 @@ def parts_of(figures: Mapping[str, str]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class RecentBudget:
-    """Mean power by part, W, the largest first, and what they are parts of."""
+    """Mean power by part, W, the largest first, and the metered power that the parts add up to."""
 
     parts: Mapping[str, float]
     metered: float  # W of the supply, of the drives where no supply is metered
 
     @classmethod
     def of(cls, model: Mapping[str, float], drives: float, supply: float) -> 'RecentBudget':
-        """Parts of a model with what it leaves unexplained and the electronics.
+        """Add to a model's parts what it leaves unexplained and what the electronics draw.
 
         model: W by part, empty without one; drives and supply: metered, W, NaN where not known.
         """
@@ -88,11 +88,11 @@ class RecentBudget:
         return cls(dict(sorted(parts.items(), key=lambda item: -item[1])), metered)
 
     def hours(self, battery: float) -> float:
-        """Time in h that a battery lasts that holds so many Wh; NaN where it is not known."""
+        """Return the time in h that a battery of so many Wh lasts; NaN where it is not known."""
         return max(battery, 0.0) / self.metered if self.metered > 0.0 else nan
 
     def words(self, width: int) -> str:
-        """As many parts as fit into a width, with shares; what is unexplained is the last."""
+        """Return the largest parts that fit `width` characters, W and share; unexplained last."""
         seen = {name: watts for name, watts in self.parts.items() if abs(watts) >= _SHOWN}
         last = [self._part(UNEXPLAINED)] if UNEXPLAINED in seen else []
         items = [self._part(name) for name in seen if name != UNEXPLAINED]

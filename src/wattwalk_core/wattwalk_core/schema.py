@@ -67,7 +67,7 @@ def schema(cls: type[T]) -> type[T]:
 
 
 class EntryError(InputError, ValueError):
-    """An InputError of one entry, whose place `parse` adds: pydantic does so to a ValueError."""
+    """InputError of one entry, whose place `parse` adds: pydantic does so to a ValueError."""
 
 
 def _with_place(check_fields: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -83,7 +83,7 @@ def _with_place(check_fields: Callable[[Any], None]) -> Callable[[Any], None]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """The range, unit and meaning of a number, as an annotation of its field."""
+    """Range, unit and meaning of a number, as an annotation of its field."""
 
     low: float
     high: float
@@ -91,7 +91,7 @@ class Quantity:
     text: str = ''
 
     def check(self, value: object, kind: type = float) -> float | int:
-        """Return the number; ValueError with the expected range for anything else."""
+        """Return the value as `kind`, float or int; ValueError with the range for all else."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if kind is int and number and not float(value).is_integer():  # type: ignore[arg-type]
             number = False
@@ -119,7 +119,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Length:
-    """The least number of characters of a text or items of a list, as an annotation."""
+    """Least number of characters of a text or items of a list, as an annotation of its field."""
 
     least: int
 
@@ -179,17 +179,17 @@ def parse(kind: type[T], content: object, where: str) -> T:
 
 
 def read(kind: type[T], path: Path, what: str) -> T:
-    """Read a YAML file into a schema class; InputError that names file, entry and value."""
+    """Read a YAML file, in errors called `what`, into a schema class; InputError if it is bad."""
     return parse(kind, read_yaml(path, what), f'{what} {path}')
 
 
 def check(item: object, where: str) -> None:
-    """Check an instance that code has made; InputError for the first field that is amiss."""
+    """Check an instance made by code; InputError, after `where`, for the first invalid field."""
     parse(type(item), dataclasses.asdict(item), where)  # type: ignore[call-overload]
 
 
 class CheckedFields:
-    """A dataclass whose fields with a Quantity are checked when it is made; InputError."""
+    """Base of dataclasses whose fields with a Quantity are checked on creation; InputError."""
 
     def __post_init__(self) -> None:
         own: Any = self.__class__

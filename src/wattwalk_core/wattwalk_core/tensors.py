@@ -34,7 +34,10 @@ class TensorFile:
 
 
 def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
-    """Read a safetensors file; InputError, which calls it `what`, for anything else."""
+    """Read a safetensors file of at most `limit` bytes; no code in it is run.
+
+    Raises InputError, which calls the file `what`, for any other file.
+    """
     from safetensors import SafetensorError  # only files of tensors need it
     from safetensors.numpy import load
 
@@ -62,7 +65,7 @@ def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
 def checked_tensors(
     tensors: Tensors, shapes: Mapping[str, tuple[int, ...]], where: str
 ) -> dict[str, Singles]:
-    """Return the tensors as float32.
+    """Return the tensors as float32; shapes: the expected names with their shapes.
 
     Raises InputError, which begins with `where`, for one that is missing, unknown, of another
     shape, or that holds anything but numbers that are finite in float32.
@@ -87,9 +90,9 @@ def checked_tensors(
 
 
 def read_state(path: Path, what: str, limit: int = SIZE) -> Any:
-    """Read tensors and plain values that torch.save wrote; InputError for anything else.
+    """Read what torch.save wrote, of at most `limit` bytes, also unpacked; no code in it is run.
 
-    torch reads it with weights_only, and nothing of it is run.
+    Raises InputError, which calls the file `what`, for anything but tensors and plain values.
     """
     import torch  # slow to import; numpy serves without
 

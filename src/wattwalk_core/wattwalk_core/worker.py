@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 
 
 class Worker(ABC):
-    """Runs `_work` in a thread of a name, until it returns, raises, or sees `_stop` set."""
+    """Base of a named thread that runs `_work` until it returns, raises, or sees `_stop` set."""
 
     def __init__(self, name: str) -> None:
         self._stop = threading.Event()
@@ -13,15 +13,15 @@ class Worker(ABC):
         self._error: BaseException | None = None
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the thread to end; it does so after the read, question or call under way."""
+        """Ask the thread to end, without waiting for it."""
         self._stop.set()
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait for the thread and return whether it ended; raises the error that ended it."""
+        """Wait `timeout` s at most; return whether the thread has ended, or raise its error."""
         if self._thread.ident is not None:
             self._thread.join(timeout)
         if self._error is not None:
@@ -45,9 +45,10 @@ class Worker(ABC):
 
 
 class DeviceWorker(Worker):
-    """Serves a device again and again, after a loss with pauses from `first` to `last` s.
+    """Worker that serves a device and, after each loss, opens it again after a pause.
 
-    Each pause is twice the one before; the first counts again once the device has given something.
+    The pause doubles with each loss from `first` to `last` s, and is `first` again once the device
+    has given something.
     """
 
     def __init__(self, name: str, first: float, last: float) -> None:

@@ -82,7 +82,7 @@ for _tag in ('int', 'float'):
 
 
 def read_text(path: Path, what: str, limit: int = SIZE) -> str:
-    """Read a regular file of UTF-8 text; InputError as of `files.read_bytes`, or if it is none."""
+    """Read a UTF-8 file of `limit` bytes at most; InputError, called `what` there, for others."""
     try:
         return read_bytes(path, what, limit).decode()
     except UnicodeDecodeError as error:
@@ -105,7 +105,7 @@ def parse_yaml(text: str, where: str) -> Any:
 
 
 def read_yaml(path: Path, what: str, limit: int = SIZE) -> Any:
-    """Read a file of plain YAML; InputError, which calls it `what`, as of both steps."""
+    """Read a file of plain YAML; InputError, which calls it `what`, for any other."""
     return parse_yaml(read_text(path, what, limit), f'{what} {path}')
 
 
@@ -117,7 +117,7 @@ class _PlainDumper(yaml.SafeDumper):
 
 
 def dump_yaml(content: Any, *, short_lists: bool = False) -> str:
-    """Return content as plain YAML in the order of its keys; short_lists: on one line each."""
+    """Return content as plain YAML in the order of its keys; short_lists: one line per list."""
     style = None if short_lists else False
     return yaml.dump(  # type: ignore[no-any-return]
         content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, default_flow_style=style
@@ -125,7 +125,10 @@ def dump_yaml(content: Any, *, short_lists: bool = False) -> str:
 
 
 def shipped_file(source: Path | str, folder: Path, what: str) -> Path:
-    """Return the path of a YAML file, or of one in `folder` by its name without the suffix."""
+    """Return `source` as a path or, where it is a bare name without a file, folder/SOURCE.yaml.
+
+    what: noun for the message. InputError, with the names in the folder, if the file is not there.
+    """
     path = Path(source)
     if not path.suffix and not path.exists():
         path = folder / f'{source}.yaml'

@@ -29,11 +29,11 @@ LONGEST = 0.1  # s of the past beside the new samples, for derivatives and the s
 
 
 class EffectBatch:
-    """A model of named effects, evaluated at each step on the last samples of each robot.
+    """Model of named effects, evaluated at each step on the last samples of each robot.
 
-    The newest derivative is one-sided. Each robot has a bus of its own. As much of its past is
-    kept as the model needs; a model that remembers more than 0.1 s, such as the winding's
-    temperature, is refused. The bus voltage is the nominal one.
+    The newest derivative is one-sided. Each robot has a separate bus at nominal voltage.
+    InputError for a model that is not fitted, stands on a base, lacks a drive, or remembers more
+    than 0.1 s, such as the winding's temperature.
     """
 
     warm_up = 1
@@ -62,11 +62,11 @@ class EffectBatch:
         self._fresh = np.ones(robots, bool)
 
     def reset(self, robots: Tensor | None) -> None:
-        """Forget the past of the robots [n], or of all."""
+        """Forget the past of the robots with these numbers [n], or of all."""
         self._fresh[slice(None) if robots is None else robots.numpy()] = True
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Return the mean power in W [N, D] over S samples [N, S, D]."""
+        """Return the mean power in W [N, D] over S samples [N, S, D]; the error is not used."""
         new = torch.stack([torque, speed]).permute(2, 0, 1, 3).numpy().astype(float)
         self._past[:, :, self._fresh] = new[:1, :, self._fresh]
         self._fresh[:] = False
@@ -114,7 +114,7 @@ class EffectBatch:
 
 
 class ProxyBatch:
-    """A proxy that was scaled to measured power, or that is in watts by itself."""
+    """Proxy that was scaled to measured power, or that is in watts by itself; else InputError."""
 
     warm_up = 0
 
@@ -171,7 +171,7 @@ class BatchPower:
 
     @classmethod
     def load(cls, spec: str, drives: Sequence[str], robots: int) -> 'BatchPower':
-        """Load `ppn:RUN` or a model file, as `load_model` finds them."""
+        """Load `ppn:RUN` or a model file; InputError as for `load_model` and the constructor."""
         return cls(load_model(spec), drives, robots)
 
     @property
@@ -180,7 +180,7 @@ class BatchPower:
         return self._since > self._model.warm_up
 
     def reset(self, ids: Sequence[int] | NDArray[np.integer] | Tensor | None = None) -> None:
-        """Forget the past of the robots with these numbers, or of all."""
+        """Forget the past of the robots with these numbers [n], or of all."""
         robots = None if ids is None else torch.as_tensor(ids, dtype=torch.long)
         if robots is not None and not len(robots):
             return
@@ -228,7 +228,7 @@ def _advance(
 
 
 class NetworkBatch:
-    """Networks of one or more drive types with carried state."""
+    """Networks of one or more drive types with carried state; InputError for an unknown drive."""
 
     def __init__(
         self, model: PowerPredictionNetwork, drives: tuple[str, ...], robots: int
@@ -248,7 +248,7 @@ class NetworkBatch:
             self.reset(None)
 
     def reset(self, robots: Tensor | None) -> None:
-        """Forget the past of the robots [n], or of all."""
+        """Forget the past of the robots with these numbers [n], or of all."""
         for part in self._parts:
             if robots is None:
                 part.begin(self._robots)
@@ -258,7 +258,7 @@ class NetworkBatch:
                 )
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Return the mean power in W [N, D]."""
+        """Return the mean power in W [N, D] over S samples [N, S, D] in rad, N·m and rad/s."""
         result = torch.empty(self._robots, self._drives)
         features = torch.stack([error, torque, speed], dim=-1).transpose(0, 1)
         for part in self._parts:

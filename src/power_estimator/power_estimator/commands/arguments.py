@@ -15,7 +15,7 @@ from power_estimator.training.trainer_config import TrainerConfig
 
 
 def add_training(parser: ArgumentParser, *, epochs: int = TrainerConfig.epochs) -> None:
-    """Add recordings, the run folder and the settings of a training."""
+    """Add the arguments of a training to a parser: recordings, run folder, settings."""
     add = parser.add_argument
     add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='new run folder')
@@ -26,7 +26,7 @@ def add_training(parser: ArgumentParser, *, epochs: int = TrainerConfig.epochs) 
 
 
 def add_cross_validation(parser: ArgumentParser, *, folds: int) -> None:
-    """Add drive types, the split of the data and the style of figures."""
+    """Add the arguments of a cross-validation to a parser: drive types, split, figures' style."""
     add = parser.add_argument
     add('--folds', type=int, default=folds, help=f'folds of the cross-validation ({folds})')
     add('--segments', type=int, default=6, help='segments that are each split 80/10/10 (6)')

@@ -7,10 +7,10 @@ from wattwalk_core.engine.task_engine import TaskEngine
 
 
 def engine_of(place: Workplace) -> AbstractContextManager[TaskEngine | None]:
-    """Return the engine of a scheduler, None without one.
+    """Return a context with the engine of a scheduler, or with None where none was given.
 
     On one machine networks are trained on threads: they share the recordings' signals, which each
-    process would hold for itself, and tell of each epoch.
+    process would hold for itself, and report each epoch.
     """
     if not place.scheduler:
         return nullcontext()

@@ -59,7 +59,7 @@ _BUILTIN = (
 
 
 class Catalogue(Mapping[str, Effect]):
-    """Effects by name, in a fixed order."""
+    """Mapping of effects by name, in a fixed order; `origins` has the files of users' effects."""
 
     def __init__(self, effects: Sequence[Effect], origins: Mapping[str, Path] | None = None):
         self._effects = {effect.name: effect for effect in effects}
@@ -80,7 +80,7 @@ class Catalogue(Mapping[str, Effect]):
         return load_catalogue, (tuple(files),)
 
     def get_known(self, name: str, where: str) -> Effect:
-        """Return the effect of that name; InputError, with the names there are, for another."""
+        """Return an effect by name; InputError, which begins with `where`, for an unknown one."""
         if name not in self._effects:
             raise InputError(
                 f'{where}: unknown effect {name!r}{self._near(name)}; known are '
@@ -95,16 +95,16 @@ class Catalogue(Mapping[str, Effect]):
         return f'; did you mean {told}?' if told else ''
 
     def physics(self) -> tuple[Effect, ...]:
-        """Effects of the drive."""
+        """Return the effects of the drive."""
         return tuple(effect for effect in self._effects.values() if effect.kind == 'physics')
 
     def measurement(self) -> tuple[Effect, ...]:
-        """Faults of the measurement."""
+        """Return the effects that are errors of the measurement."""
         return tuple(effect for effect in self._effects.values() if effect.kind == 'measurement')
 
 
 def builtin_catalogue() -> Catalogue:
-    """Return the shipped effects."""
+    """Return the catalogue of the shipped effects."""
     return Catalogue(_BUILTIN)
 
 
@@ -126,9 +126,10 @@ def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
 
 
 def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
-    """Return the effect's regressors [T, D, n], checked.
+    """Return an effect's regressors [T, D, n] for n terms: W, N·m or rad/s per unit, by `acts_on`.
 
-    Raises InputError for an effect that raises, or returns another shape or NaN.
+    They are zero where signals cannot show the effect. Raises InputError for an effect that
+    raises, or returns another shape or NaN.
     """
     if signals.steady and (effect.needs_time or effect.remembers):
         return np.zeros((*signals.torque.shape, len(effect.terms)))

@@ -37,7 +37,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Excitation:
-    """A motion that tells an effect from similar ones; SI units."""
+    """Motion that tells an effect from similar ones; SI units. mode: what is controlled."""
 
     text: str
     mode: Literal['velocity', 'position', 'torque'] = 'velocity'
@@ -50,7 +50,7 @@ class Excitation:
     alone: str = ''  # the text where there is one drive, '' for the same
 
     def told(self, drives: int) -> str:
-        """The motion in words for so many drives."""
+        """Return the motion in words for a number of drives."""
         return self.alone or self.text if drives == 1 else self.text
 
 
@@ -140,7 +140,7 @@ class Effect:
         return hash(self.name)
 
     def usable(self, signals: Signals, **shape: float) -> bool:
-        """Return whether the signals that this shape needs were recorded."""
+        """Return whether signals can show the effect with this shape."""
         if self.needs_joint_torque and signals.at_motor.all():
             return False
         if signals.steady and (self.needs_time or self.remembers):
@@ -148,7 +148,7 @@ class Effect:
         return self.recorded is None or self.recorded(signals, **shape)
 
     def factors(self, scale: DriveScale) -> Floats:
-        """Factor [D, n] by which the bounds of each term differ from the reference drive's."""
+        """Return factors [D, n] from the terms' bounds to those for drives of a scale."""
         if self.sizes is not None:
             return self.sizes(scale)
         return factors_by_unit(self.terms, scale, self.kind == 'measurement')
@@ -158,7 +158,7 @@ class Effect:
         return self.shapes if self.scaled is None else self.scaled(scale)
 
     def tried_on(self, signals: Signals) -> tuple[Shape, ...]:
-        """Return the shapes that signals can show."""
+        """Return the shapes to be tried on signals: those that these can show, or show best."""
         usable = [each for each in self.shapes_of(signals.scale) if self.usable(signals, **each)]
         return tuple([each for each in usable if self.shown_by(signals, each)] or usable)
 
@@ -181,14 +181,14 @@ def _stated_by(form: type[Effect]) -> Effect:
 
 
 def factors_by_unit(terms: Sequence[Term], scale: DriveScale, of_sensor: bool = False) -> Floats:
-    """Return the factors [D, n] that the units of terms have in drives of a scale."""
+    """Return the factors [D, n] of terms in drives of a scale, by `DriveScale.factor`."""
     return np.stack([scale.factor(t.unit, of_sensor=of_sensor) for t in terms], axis=-1)
 
 
 def in_proportion(
     shapes: tuple[Shape, ...], size: Callable[[DriveScale], Floats]
 ) -> Callable[[DriveScale], tuple[Shape, ...]]:
-    """Return what scales shapes by a size [D] of the drives, once for each size there is."""
+    """Return a function of a drive scale that gives the shapes times each distinct size [D]."""
 
     def scaled(scale: DriveScale) -> tuple[Shape, ...]:
         factors = sorted(set(size(scale).tolist()))
@@ -198,14 +198,14 @@ def in_proportion(
 
 
 def log_speed(velocity: Floats) -> Floats:
-    """Return the logarithm of the speed over its maximum, as a small change of an exponent."""
+    """Return log(speed / its 99.5 % quantile) [T, D], at least log 0.01, to change exponents."""
     speed = np.abs(velocity)
     top = np.maximum(_top(speed), STANDSTILL)
     return np.log(np.clip(speed / top, 0.01, None))
 
 
 def share_of_top(values: Floats) -> Floats:
-    """Return the magnitude over its maximum, 0 to about 1."""
+    """Return the magnitude of values [T, D] over its 99.5 % quantile, 0 to about 1."""
     size = np.abs(values)
     return size / np.maximum(_top(size), 1e-9)
 

@@ -21,7 +21,7 @@ SHAFT, BASE = 'shaft', 'base'
 
 @dataclass(frozen=True)
 class Split:
-    """Power of each effect, W [T, D], and its slopes by the coefficients of the structure.
+    """Power of each effect, W [T, D], and its derivatives by the coefficients of the structure.
 
     Friction counts with the power that it takes at the shaft; the copper loss of the torque that
     carries it counts as copper loss, where it becomes heat.
@@ -31,7 +31,7 @@ class Split:
     slopes: Mapping[tuple[str, int], Floats]  # by part and column, W per unit [T, D]
 
     def drive(self, place: int) -> 'Split':
-        """The same of one drive, [T]."""
+        """Return the split of one drive, by its column: parts and slopes are [T]."""
         return Split(
             {name: values[:, place] for name, values in self.parts.items()},
             {key: values[:, place] for key, values in self.slopes.items()},
@@ -46,10 +46,10 @@ def split(
     *,
     slopes: bool = True,
 ) -> Split:
-    """Split the power of a model with coefficients [D, m] by effect.
+    """Split the power of a model with coefficients [D, m] by effect; base: power underneath.
 
-    Regressors that its power is made of are computed once; without slopes it costs what
-    `evaluate` does.
+    Regressors that its power is made of are computed once; without slopes it costs what `evaluate`
+    does.
     """
     kept: dict[str, Floats] = {}
 
@@ -121,7 +121,7 @@ Reduce = Callable[[Floats], Floats]
 
 
 def reduced(found: Split, reduce: Reduce) -> Split:
-    """The same at the reduced rate."""
+    """Return the split at the reduced rate; reduce: [T, D] → [N, D]."""
     return Split(
         {name: reduce(values) for name, values in found.parts.items()},
         {key: reduce(values) for key, values in found.slopes.items()},

@@ -33,7 +33,10 @@ _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
 @dataclass(frozen=True)
 class Material:
-    """Prepared signals with the base model's power on them, and how they are fitted."""
+    """Prepared signals of recordings, with all that a fit to them needs.
+
+    types: drives that share coefficients; base_power: of the model that effects are added to.
+    """
 
     prepared: Prepared
     types: tuple[DriveType, ...]
@@ -41,13 +44,13 @@ class Material:
     settings: FitSettings = field(default_factory=FitSettings)
 
     def structure(self, actives: Sequence[Active]) -> Structure:
-        """Structure of the effects as these signals may show them."""
+        """Return the structure of the effects; for a robot with one meter, by drive."""
         if self.prepared.whole:
             return Structure(expanded(actives, self.prepared.signals))
         return Structure(tuple(actives))
 
     def fitter(self, *, per_drive: bool = False, prior: Prior | None = None) -> Fitter:
-        """Make a fitter with drives of a type sharing coefficients unless per_drive."""
+        """Return a fitter with a prior; drives of a type share coefficients unless per_drive."""
         prepared, base, settings = self.prepared, self.base_power, self.settings
         if prepared.whole:
             return Fitter(prepared, base=base, settings=settings)
@@ -56,7 +59,7 @@ class Material:
         return Fitter(prepared, groups=groups, base=base, settings=settings, prior=prior)
 
     def at_most(self, seconds: float) -> 'Material':
-        """The same of so many seconds at most, in pieces spread over all recordings."""
+        """Return the material cut to so many seconds, in pieces spread over all recordings."""
         prepared, base = pieces(self.prepared, seconds), self.base_power
         if base is not None and prepared.part is not None:
             base = replace(base, power=base.power[prepared.part.samples])
@@ -76,10 +79,11 @@ def material(
 ) -> Material:
     """Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
 
-    base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
-    for data that are too short or too still to decide anything, saying what is missing. least: s,
-    for operating points as many of them as LEAST_POINTS. window: as in `prepare`. prepared: what
-    that makes of these data, where it is known and there is no base.
+    per: `type` or `drive`, which share coefficients. base: power of the model that effects are
+    added to, W [T, D] for the drives of data. least: s, in place of which operating points need
+    LEAST_POINTS. window: as in `prepare`. prepared: the result of that for these data; not used
+    with a base. InputError, which says what is missing, for data too short or too still to decide
+    anything.
     """
     settings = settings or FitSettings()
     if base is not None:
@@ -114,10 +118,11 @@ def fit_model(
     seed: int = 0,
     prior: Prior | None = None,
 ) -> tuple[EffectModel, Fit]:
-    """Fit effects, with the errors of measurement beside them, and their intervals.
+    """Fit effects with errors of measurement beside them; return the model and the fit behind it.
 
-    prior: what is expected of coefficients, for drives with a meter of their own. Shapes that an
-    effect leaves open are searched. Returns the model and the fit behind it.
+    base: spec of the base model; fitted_on: name and sha256 of the recordings; prior: expected
+    coefficients, for drives with a meter each. Shapes that an effect leaves open are searched.
+    Coefficients get 95 % intervals. InputError for effects that the recordings cannot show.
     """
     _require_usable(material.prepared, effects)
     structure, steady = material.structure(effects), material.prepared.steady

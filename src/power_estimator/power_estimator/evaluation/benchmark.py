@@ -29,9 +29,9 @@ WIDTH = 140  # of tables where stdout is no terminal
 
 
 def table(folds: Sequence[Sequence[JudgedModel]]) -> dict[str, Any]:
-    """Average over folds in the form of the benchmark's JSON.
+    """Return the scores of models, for each fold, averaged over folds in the form of the JSON.
 
-    {`models`: [{`name`, `held_out`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`,
+    It is {`models`: [{`name`, `held_out`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`,
     `total`, `supply`}]}. `r2_std` is the spread between folds, of one fold that over stretches.
     """
     common = [name for name in (m.name for m in folds[0]) if all(_named(f, name) for f in folds)]
@@ -74,7 +74,7 @@ def _mean(scores: Sequence[Score]) -> dict[str, float | None] | None:
 
 
 def print_scores(table: Mapping[str, Any], title: str) -> None:
-    """Print R² ± spread per drive type and of the sum; best in bold."""
+    """Print a `table` of scores: R² ± spread per drive type and of the sum, the best in bold."""
     console, models = output(WIDTH), table['models']
     keys = list(dict.fromkeys(key for m in models for key in m['types']))
     columns = {f'{key} R²': [m['types'].get(key) for m in models] for key in keys}
@@ -114,7 +114,7 @@ _LONGEST_GAP: Final = 0.05  # s between estimates that are joined by a line
 
 
 class RecordedEstimate:
-    """The `power_estimate` topic of recordings.
+    """Power model that returns the topic `power_estimate` of recordings.
 
     An estimate is the mean of the 20 ms that end at its stamp. It is placed in their middle and
     interpolated linearly. Estimates whose status is not 0 count as unknown.
@@ -158,7 +158,7 @@ class RecordedEstimate:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Result of a benchmark."""
+    """Scores of models on recordings, with traces for a figure."""
 
     table: dict[str, Any]
     traces: Traces
@@ -174,9 +174,10 @@ def run(
     slow: bool = False,
     anyway: bool = False,
 ) -> Benchmark:
-    """Score models on recordings by the judge, on the samples that all of them may be judged on.
+    """Score models, given as for `load_model`, on the samples that all of them may be judged on.
 
-    slow, anyway: as in `load`. InputError if there are no such samples.
+    specs may have `recorded`, the live estimate in the recordings. drives, slow, anyway: as in
+    `judge.recordings.load`. InputError if there are no such samples.
     """
     if len(set(specs)) < len(specs):
         raise InputError(f'--models names a model twice: {", ".join(specs)}')

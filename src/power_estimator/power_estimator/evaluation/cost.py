@@ -15,7 +15,7 @@ _SCALING = Scaling((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, 1.0)
 
 
 def best_of(body: Callable[[], object], tries: int) -> float:
-    """Return the shortest time of several calls, s: the cost on an idle machine."""
+    """Return the shortest time in s of `tries` calls: the cost on an idle machine."""
     shortest = float('inf')
     for _ in range(tries):
         started = time.perf_counter()
@@ -25,10 +25,10 @@ def best_of(body: Callable[[], object], tries: int) -> float:
 
 
 def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIVES) -> float:
-    """Return µs per sample at 200 Hz of all drives, in the live node's arithmetic.
+    """Return the µs per sample of all drives at 200 Hz, in the live node's arithmetic.
 
-    With carried state that is one step; windowed, a fourth of the `history` steps that each
-    estimate at 50 Hz takes.
+    history: None for carried state, one step a sample; windowed, a fourth of the `history` steps
+    that each estimate at 50 Hz takes.
     """
     rng = np.random.default_rng(0)
     shapes = ((4 * hidden, 3), (4 * hidden, hidden), (4 * hidden,), (hidden,), (1,))
@@ -44,7 +44,7 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
 def policy_step_cost(
     model: PowerModel, drives: Sequence[str], robots: int, tries: int = 5
 ) -> float:
-    """Return µs per robot and policy step: four samples of all drives, robots side by side."""
+    """Return the µs per robot and policy step: four samples of all drives, robots at once."""
     batch = BatchPower(model, drives, robots)
     rng = np.random.default_rng(0)
     x = rng.normal(size=(3, robots, 4, len(drives))).astype(np.float32) * np.float32(0.1)

@@ -24,7 +24,7 @@ _ESTIMATE = {False: '#0072B2', True: '#56B4E9'}  # by dark
 
 
 def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
-    """Draw proxies, network and whole robot against the measurement, in three panels."""
+    """Draw proxies, network and, where it was measured, the whole robot into a picture at path."""
     with style(dark) as ink:
         blue = _ESTIMATE[dark]
         whole = traces.supply is not None and traces.robot is not None
@@ -55,7 +55,7 @@ def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
 def draw_bars(
     path: Path, table: Mapping[str, Any], *, title: str = '', dark: bool = False
 ) -> None:
-    """Draw R² of each model per drive type with its spread over folds, as in Fig. 4."""
+    """Draw R² of each model of a `table` by drive type, with its spread, as in Fig. 4."""
     models = table['models']
     types = list(dict.fromkeys(key for model in models for key in model['types']))
     with style(dark) as ink:

@@ -16,7 +16,7 @@ LONGEST = 4.0  # s
 
 @dataclass(frozen=True)
 class Traces:
-    """A stretch of held-out data at 50 Hz: a drive, and the whole robot where it was measured."""
+    """Held-out traces at 50 Hz: of a drive, and of the whole robot where it was measured."""
 
     time: Floats  # s [N]
     drive: str
@@ -32,10 +32,10 @@ class Traces:
 
 
 def traces(judge: Judge, judged: Sequence[JudgedModel]) -> Traces:
-    """Choose the drive whose power varies most, in the longest stretch; the first model is shown.
+    """Return at most 4 s of the drive whose power varies most; judged[0] is the network shown.
 
-    Among stretches of about the same length it is the one in which that drive varies most; at most
-    4 s of it are shown.
+    They are of the longest stretch or, among stretches of about the same length, of the one in
+    which that drive varies most.
     """
     model = judged[0]
     measured = np.where(model.rows, model.measured, np.nan)
@@ -77,6 +77,6 @@ def _stretch(gap_free: Sequence[slice], power: Floats) -> slice:
 
 
 def known_runs(values: Floats) -> list[tuple[int, int]]:
-    """Begin and end of each run of values [N] that are not NaN."""
+    """Return (begin, end) of each run of values [N] that are not NaN."""
     edges = np.flatnonzero(np.diff(np.r_[False, np.isfinite(values), False].astype(np.int8)))
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

@@ -41,9 +41,9 @@ _LIKE_A_DELAY = ('rotor_inertia', 'spring')
 def together(
     own: Material, structure: Structure, catalogue: Catalogue, apart: Collection[str] = OWN_TERMS
 ) -> tuple[Material, tuple[Active, ...], Floats]:
-    """Recordings in step, the terms of their measurement, and their own delays, s [R].
+    """Return recordings in step, errors of their measurement as effects, and delays, s [R].
 
-    Delays and the terms that are named apart are each recording's own.
+    own: of all recordings. Delays, and the errors named in `apart`, are separate by recording.
     """
     prepared = own.prepared
     steady = prepared.steady
@@ -87,31 +87,31 @@ _Way = Callable[['HeldOutEstimator', EffectModel], HeldOut]
 
 
 class HeldOutEstimator:
-    """Estimates of each kind of model on recordings, held out as that kind has to be."""
+    """Estimates power models on recordings, held out in the way that each kind of model needs."""
 
     def __init__(self, recordings: Loaded, catalogue: Catalogue, settings: JudgeSettings) -> None:
         self.recordings, self.catalogue, self.settings = recordings, catalogue, settings
 
     @cached_property
     def prepared(self) -> Prepared:
-        """Signals and reduced power, whose N rows and M meters all scores are of."""
+        """Signals and reduced power, with the N rows and M meters of all scores."""
         return prepare(self.recordings.data, self.recordings.window)
 
     @cached_property
     def blocks(self) -> Blocks:
-        """Whole seconds."""
+        """Blocks of the prepared rows, of a second as a rule."""
         return Blocks.of(self.prepared, self.settings.fit)
 
     def folds(self, blocks: Blocks) -> Folds:
-        """Pieces that are tested together."""
+        """Return the folds of a cross-validation in pieces of 10 s, also with many recordings."""
         return Folds.of(blocks, self.settings.fit, by_recording=False)
 
     def material(
         self, base: Singles | None, per: str = 'type', least: float = LEAST_TO_FIT
     ) -> Material:
-        """Signals for a fit of effects on a base model's power [T, D].
+        """Return signals for a fit of effects on a base model's power W [T, D], None for no base.
 
-        per: as in `material`; least: s, for means over longer times as many of these.
+        per: `type` or `drive`; least: s or, if windows are longer than 1 s, number of windows.
         """
         window = self.recordings.window
         return material(
@@ -126,9 +126,9 @@ class HeldOutEstimator:
         )
 
     def estimate(self, model: PowerModel, name: str) -> HeldOut:
-        """Estimate the power of all rows that a model may be judged on; name: as it is shown.
+        """Return a model's estimate where it may be judged; NaN in the residual elsewhere.
 
-        InputError for a model that says nothing about the drives.
+        name: for messages. InputError for a model that knows none of the drives.
         """
         if isinstance(model, EffectModel):
             return self._effects(model)

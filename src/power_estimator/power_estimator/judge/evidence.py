@@ -23,17 +23,17 @@ class Evidence:
 
     @property
     def actives(self) -> tuple[Active, ...]:
-        """The added effects in their shapes."""
+        """Added effects in their shapes."""
         return tuple(a for a in self.fit.structure.actives if a.name in self.names)
 
     @property
     def mean_mse(self) -> Floats:
-        """W² [D]."""
+        """Held-out mean squared error of each drive, W² [D]."""
         return np.nanmean(self.mse, axis=0)
 
     @property
     def rmse(self) -> Floats:
-        """W [D]."""
+        """Held-out RMS error of each drive, W [D]."""
         return np.sqrt(self.mean_mse)
 
 
@@ -43,12 +43,15 @@ class Examiner:
     def __init__(
         self, fitter: Fitter, *, by_recording: bool = True, folds: Folds | None = None
     ) -> None:
-        """by_recording: as in `Folds.of`; folds: others than these."""
+        """by_recording: as in `Folds.of`; folds: to be used in place of those."""
         self.fitter = fitter
         self.folds = folds or Folds.of(fitter.blocks, fitter.settings, by_recording=by_recording)
 
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
-        """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
+        """Return held-out errors of a fit: coefficients are refitted per fold, the rest is kept.
+
+        names: effects of the structure that were added to a base, for the evidence.
+        """
         linear = self.fitter.linear(fit)
         coefficients = self.fitter.solve(
             linear.design, linear.normal, fit.weights, self.folds.training, fit.coefficients
@@ -57,13 +60,13 @@ class Examiner:
         return Evidence(fit, coefficients, mse, tuple(names))
 
     def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:
-        """W² [B, D] of each block with its own fold's coefficients [F, D, m]."""
+        """Return the MSE of each block, W² [B, D], by its fold's coefficients [F, D, m]."""
         blocks = self.fitter.blocks
         error = normal.errors(coefficients[self.folds.test]) / blocks.counts
         return np.where(blocks.valid, error, np.nan)
 
     def residual(self, evidence: Evidence, *, all_rows: bool = False) -> Floats:
-        """Held-out residual, W [N, D]; NaN outside the blocks.
+        """Return the held-out residual, measured − model, W [N, D]; NaN outside the blocks.
 
         NaN as well where signals are unresolved, unless all_rows.
         """

@@ -22,14 +22,14 @@ _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 
 @dataclass(frozen=True)
 class HeldOutPower:
-    """A model's power where it was not trained."""
+    """Power of a model where it was not trained."""
 
     power: Singles  # W [T, D], NaN elsewhere
     partly: bool  # whether it was trained on some of the samples
 
 
 def knows(model: EffectModel, loaded: Loaded) -> Bools:
-    """Mark the recordings [R] that a model of effects has to be refitted on to be judged."""
+    """Mark the recordings [R] on which a model of effects must be refitted to be judged."""
     known = {entry.get('sha256') for entry in model.fitted_on}
     return np.array([not model.fitted or own['sha256'] in known for own in loaded.identities])
 
@@ -37,7 +37,10 @@ def knows(model: EffectModel, loaded: Loaded) -> Bools:
 def held_out_rows(
     model: PowerModel, loaded: Loaded, time: Floats, recording: NDArray[np.integer]
 ) -> Bools:
-    """Mark times of recordings [N] and drives [N, D] that a network was not trained on."""
+    """Mark the rows and drives [N, D] that a network was not trained on; all for other models.
+
+    time: s [N]; recording: index [N].
+    """
     allowed = np.ones((len(time), len(loaded.data.names)), bool)
     if not isinstance(model, PowerPredictionNetwork):
         return allowed
@@ -58,8 +61,8 @@ def held_out_rows(
 def power_on(loaded: Loaded, model: PowerModel) -> Singles:
     """Return a model's power on the samples of the recordings, W [T, D].
 
-    Models that need smoothed signals are asked on these, at 200 Hz; all others on the signals as
-    they were measured.
+    Models that need smoothed signals get these, at 200 Hz; all others get the signals as they were
+    measured.
     """
     data = loaded.data
     if not model.needs.smooth:
@@ -81,21 +84,21 @@ def power_on(loaded: Loaded, model: PowerModel) -> Singles:
 
 
 def fitted_base(loaded: Loaded, spec: str) -> PowerModel:
-    """Return the model that effects are to stand on: a proxy with its factors on recordings."""
+    """Return the base model of a spec, a proxy with its factors fitted to the recordings."""
     base = load_base(spec)
     return base.fit(loaded.smooth) if isinstance(base, Proxy) else base
 
 
 def power_under(loaded: Loaded, model: EffectModel) -> HeldOutPower | None:
-    """Power of the base of a model of effects, None where it has none."""
+    """Return the power of a model's base where that is held out; None without a base."""
     base = base_of(model)
     return None if base is None else base_power(loaded, base, model.base or base.name)
 
 
 def base_power(loaded: Loaded, model: PowerModel, spec: str) -> HeldOutPower:
-    """Power of the model that effects stand on; of a network on its test part only.
+    """Return the power of a base model; of a network on its test part only.
 
-    spec: its file or name. InputError where that leaves too little of a drive to decide anything.
+    spec: its file or name, for messages. InputError where too little of a drive is left.
     """
     data = loaded.data
     power = power_on(loaded, model)
@@ -110,7 +113,7 @@ def base_power(loaded: Loaded, model: PowerModel, spec: str) -> HeldOutPower:
 
 
 def names_without_power(power: NDArray[np.floating], names: Sequence[str]) -> list[str]:
-    """Drives of power [T, D] that a model says nothing about."""
+    """Return the drives whose power [T, D] is NaN throughout."""
     known = np.isfinite(power).any(axis=0)
     return [name for name, one in zip(names, known, strict=True) if not one]
 

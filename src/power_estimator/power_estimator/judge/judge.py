@@ -35,7 +35,7 @@ from power_estimator.scores import Score, coverage, score
 
 
 class SupplyJudge:
-    """Scores sums over all drives of a robot, and its electronics, against its supply."""
+    """Scores the sum over all drives of a robot plus its electronics against its supply."""
 
     def __init__(
         self, loaded: Loaded, prepared: Prepared, blocks: Blocks, folds: Folds, longest: float
@@ -103,7 +103,7 @@ class SupplyJudge:
 
 
 def shifted(data: AlignedDataset, samples: int) -> Singles:
-    """Return the supply [T] a number of samples later in each segment; NaN at its end."""
+    """Return the supply W [T] read so many samples later in each segment; NaN at its end."""
     result = np.full_like(data.supply, np.nan)
     for run in data.segments():
         if run.stop - run.start > samples:
@@ -148,24 +148,25 @@ class Judge:
 
     @property
     def prepared(self) -> Prepared:
-        """Signals and reduced power, whose N rows and M meters all scores are of."""
+        """Signals and reduced power, with the N rows and M meters of all scores."""
         return self._estimator.prepared
 
     def base(self, spec: str | None) -> PowerModel | None:
-        """Return the base of effects that are fitted here, a proxy with its factors."""
+        """Return the base model of a spec, a proxy with its factors fitted here; None for None."""
         return None if spec is None else fitted_base(self.recordings, spec)
 
     def material(self, base: PowerModel | None = None, per: str = 'type') -> Material:
-        """Signals for a fit of effects, on the power of a base model."""
+        """Return signals for a fit on a base's power; per: coefficients by `type` or `drive`."""
         power = None if base is None else base_power(self.recordings, base, base.name).power
         return self._estimator.material(power, per)
 
     def material_under(
         self, model: EffectModel, least: float = LEAST_TO_FIT, per: str = 'type'
     ) -> Material:
-        """Signals for a fit or search beside a model, on its base's power; least: s of recordings.
+        """Return signals for a fit or search beside a model, on its base's power.
 
-        InputError for recordings that are too short or too still.
+        least: s of recordings; per: `type` or `drive`. InputError for recordings too short or too
+        still.
         """
         under = power_under(self.recordings, model)
         return self._estimator.material(None if under is None else under.power, per, least)
@@ -175,7 +176,7 @@ class Judge:
         return isinstance(model, EffectModel) and bool(knows(model, self.recordings).all())
 
     def score(self, model: PowerModel) -> JudgedModel:
-        """Score one model; InputError where it knows no row."""
+        """Return the scores of one model; InputError where it knows no row."""
         return self.compare([model])[0]
 
     def compare(
@@ -186,7 +187,7 @@ class Judge:
         *,
         supply: bool = False,
     ) -> tuple[JudgedModel, ...]:
-        """Score models on the rows that all of them know.
+        """Return scores of models, in order, on the rows that all of them know.
 
         names: as they are shown; types: of drives that are scored together; supply: against the
         power of the whole robot, too. InputError where no row is left.

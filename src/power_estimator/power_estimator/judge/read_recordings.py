@@ -27,24 +27,24 @@ _OVERSAMPLED: Final = 1.9  # samples for each of a slow recording, so that nothi
 
 @dataclass(frozen=True)
 class JudgedDrives:
-    """Drives that are judged, by name or pattern, all for none; doubts that are overruled."""
+    """Names or patterns of the drives to judge, all if empty, and doubts that are overruled."""
 
     drives: tuple[str, ...] = ()
     slow: bool = False
     anyway: bool = False
 
     def of(self, recording: Recording) -> tuple[str, ...]:
-        """Names of the drives that are judged, none for all."""
+        """Return the names of the chosen drives of a recording; empty for all."""
         names = recording.joints if self.drives else ()
         return tuple(name for name in names if any(fnmatchcase(name, p) for p in self.drives))
 
 
 @dataclass(frozen=True)
 class ReadRecordings:
-    """Aligned recordings, with what is known of each.
+    """Aligned recordings, with what else was read of each.
 
-    doubts: refusal in a line of each that contradicts itself, '' for none. changes: of the power
-    of each one's slowest meter, 1/s; NaN without a meter.
+    doubts: why each recording contradicts itself, in a line, '' for none. changes: 1/s, of the
+    power of each one's slowest meter; NaN without a meter.
     """
 
     data: AlignedDataset
@@ -55,7 +55,7 @@ class ReadRecordings:
 
 
 def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
-    """Read recordings in this process, which keeps their aligned signals alone."""
+    """Read and align recordings in this process; judged: drives whose signals are checked."""
     recordings = open_recordings(paths)
     rate, joints = RATE, None
     if sum(recording.duration for recording in recordings) >= _LONG:

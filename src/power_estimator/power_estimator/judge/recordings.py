@@ -25,7 +25,7 @@ _SPAN = re.compile(r'(?:([1-9]\d{0,3})@)?(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)')
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A span of one recording, s from its first sample."""
+    """Span of one recording that is left out, s from its first sample."""
 
     recording: int  # counted from 0
     start: float
@@ -47,19 +47,19 @@ class LeftOut:
         return f'{number}{self.start:g}:{self.stop:g}'
 
     def rows(self, data: AlignedDataset) -> Bools:
-        """Mark the samples [T]."""
+        """Mark the samples [T] of aligned data in the span."""
         own = np.asarray(data.recording == self.recording)
         time = data.time - (data.time[own].min() if own.any() else 0.0)
         return own & (time >= self.start) & (time < self.stop)
 
 
 def spans_of(texts: Sequence[str]) -> tuple[LeftOut, ...]:
-    """Parse spans, of which a text has one or more with commas between them."""
+    """Parse spans from texts with one or more each, separated by commas; InputError for others."""
     return tuple(LeftOut.of(part) for text in texts for part in text.split(','))
 
 
 def without(data: AlignedDataset, spans: Sequence[LeftOut]) -> AlignedDataset:
-    """Make the power in the spans one that was not measured; motion stays, so no gap arises.
+    """Return data with the power in the spans unknown (NaN); motion stays, so no gap arises.
 
     InputError for steady points and for a span in which there is no sample.
     """
@@ -87,7 +87,7 @@ _LONGEST_WINDOW = 30.0  # s
 
 @dataclass(frozen=True)
 class Loaded:
-    """Aligned recordings with what identifies them."""
+    """Aligned recordings with fingerprints by which models know them."""
 
     data: AlignedDataset
     recordings: Sequence[Recording]
@@ -99,7 +99,7 @@ class Loaded:
 
     @classmethod
     def of(cls, data: AlignedDataset) -> 'Loaded':
-        """Signals that no file is behind; their fingerprints are of the signals themselves."""
+        """Wrap aligned data without files; fingerprints are of the signals themselves."""
         identities = tuple(
             {'name': name, 'sha256': _fingerprint(data, index)}
             for index, name in enumerate(data.recordings)
@@ -108,7 +108,7 @@ class Loaded:
 
     @property
     def judged_on(self) -> dict[str, list[str]]:
-        """Names and fingerprints of the recordings that errors are of, and seconds left out."""
+        """Names and fingerprints of the recordings, and seconds left out, as content of JSON."""
         return {
             'recordings': [one['name'] for one in self.identities],
             'sha256': [one['sha256'] for one in self.identities],
@@ -117,7 +117,7 @@ class Loaded:
 
     @cached_property
     def smooth(self) -> AlignedDataset:
-        """The same recordings as networks and proxies take them: 200 Hz, smoothed; or points."""
+        """Signals for networks and proxies: 200 Hz, smoothed; operating points as they are."""
         if self.smoothed is not None or not self.recordings or self.data.steady:
             return self.smoothed or self.data
         data = load_aligned(
@@ -143,14 +143,14 @@ class Loaded:
         return replace(self, data=data)
 
     def without(self, texts: Sequence[str]) -> 'Loaded':
-        """Leave seconds out of all judgement: FROM:TO, or N@FROM:TO of the N-th recording."""
+        """Return recordings without some seconds: FROM:TO, or N@FROM:TO of the N-th recording."""
         if not texts:
             return self
         spans = spans_of(texts)
         return replace(self, data=without(self.data, spans), left_out=spans)
 
     def only(self, places: Sequence[int]) -> 'Loaded':
-        """Some of the recordings, in ascending order."""
+        """Return some of the recordings, by ascending indices."""
         if len(places) == len(self.identities):
             return self
         chosen = np.isin(self.data.recording, places)
@@ -183,10 +183,10 @@ def load(
 ) -> Loaded:
     """Read recordings of measured drives; several of them on the workers of an engine, if given.
 
-    slow: take meters that change less than 25 times a second, of which energy is judged over
-    windows. anyway: take recordings whose signals contradict each other, too. drives: names, or
-    patterns as *_KFE. without: seconds to leave out, as in `Loaded.without`. InputError for
-    recordings that cannot be read, lack electrical data, or lack a named drive.
+    slow: accept meters that change less than 25 times a second; energy is then judged over
+    windows. anyway: accept recordings whose signals contradict each other. drives: names, or
+    patterns as *_KFE. without: seconds to leave out, as in `Loaded.without`. show: gets progress.
+    InputError for recordings that cannot be read, lack electrical data, or lack a named drive.
     """
     judged = JudgedDrives(tuple(drives), slow, anyway)
     if engine is None or len(paths) < 2:

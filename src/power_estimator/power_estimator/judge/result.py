@@ -11,7 +11,7 @@ from power_estimator.scores import Score
 
 @dataclass(frozen=True)
 class SupplyScore:
-    """Power at the robot's supply, measured and estimated."""
+    """Score of a robot's power at its supply, with measured and estimated traces."""
 
     score: Score
     measured: Floats  # W [N], brought forward by lag
@@ -23,7 +23,7 @@ class SupplyScore:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A model's residual where it was not fitted, of N rows at 50 Hz and M meters.
+    """Residual of a model where it was not fitted, of N rows at 50 Hz and M meters.
 
     Power and estimate have passed the same zero-phase low-pass at 12.5 Hz; each recording's best
     delay between meter and joint signals is taken out.
@@ -36,19 +36,19 @@ class HeldOut:
 
     @property
     def estimated(self) -> Floats:
-        """W [N, M]."""
+        """Estimated power, W [N, M]."""
         return self.measured - self.residual
 
 
 def over_meters(errors: Iterable[float | None]) -> float:
-    """Root of the mean squared error over the meters with one, W; NaN where there is none."""
+    """Return the root mean square, W, of the errors that are not None; NaN where none is left."""
     known = [error for error in errors if error is not None]
     return float(np.sqrt(np.mean(np.square(known)))) if known else float('nan')
 
 
 @dataclass(frozen=True)
 class JudgedModel(HeldOut):
-    """A model's scores on the rows on which all models of a comparison are judged."""
+    """Scores of a model on the rows on which all models of a comparison are judged."""
 
     name: str = ''
     effects: tuple[str, ...] = ()
@@ -60,7 +60,7 @@ class JudgedModel(HeldOut):
 
     @property
     def rows(self) -> Bools:
-        """Mark the rows that count [N, M]."""
+        """Mask of the rows that count [N, M]."""
         return np.isfinite(self.residual)
 
     @property

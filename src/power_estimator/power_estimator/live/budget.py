@@ -28,7 +28,7 @@ class LiveBudget:
         self._sum: Floats = np.zeros(0)
 
     def take(self, estimate: Estimate) -> None:
-        """Take an estimate that follows the others."""
+        """Take the next estimate; those whose status is not OK do not count."""
         if estimate.status is Status.INPUT_STALE:
             self._rows.clear()
         if estimate.status is not Status.OK or not estimate.parts:
@@ -52,19 +52,19 @@ class LiveBudget:
 
     @property
     def seconds(self) -> float:
-        """Time from the first to the last estimate that counts, s."""
+        """Time from the first to the last estimate in the mean, s."""
         return (self._rows[-1][0] - self._rows[0][0]) / _SECOND if self._rows else 0.0
 
     @property
     def parts(self) -> Mapping[str, float]:
-        """W by part, the largest first; empty before the first estimate."""
+        """Mean power by part, W, the largest first; empty before the first estimate."""
         if not self._rows:
             return {}
         means = dict(zip(self._names, (self._sum / len(self._rows)).tolist(), strict=True))
         return dict(sorted(means.items(), key=lambda item: -item[1]))
 
     def report(self) -> tuple[str, dict[str, str]]:
-        """Return a sentence, and the mean power by part as figures."""
+        """Return a sentence, and the mean power by part as figures, `PART [W]`."""
         parts = self.parts
         if not parts:
             return 'no estimates yet', {}

@@ -25,7 +25,7 @@ _LEAST_SIGMA = 1e-3  # W
 
 @schema
 class ReferenceNoise:
-    """Block means of a drive's measured − estimated power in W, as they were when all was well.
+    """Statistics of block means of a drive's measured − estimated power in W, without a fault.
 
     A block mean is mean + slopes·(features − centre) plus an autoregressive process of first
     order. Features [F] outside [low, high] were not seen.
@@ -44,7 +44,7 @@ class ReferenceNoise:
 
     @classmethod
     def of(cls, blocks: Floats, features: Floats, follows: Bools) -> Self:
-        """Learn from n blocks [n] with features [n, F].
+        """Estimate the statistics from n block means W [n] with features [n, F].
 
         follows [n]: whether the block before in the array is the one before in time.
         """
@@ -83,11 +83,11 @@ class ReferenceNoise:
         )
 
     def seen(self, features: Floats) -> bool:
-        """Return whether features [F] lie where the reference has been."""
+        """Return whether features [F] lie within the range of the reference."""
         return bool((features >= self.low).all() and (features <= self.high).all())
 
     def left(self, block: float, features: Floats) -> float:
-        """Return what a block mean, W, has more than the reference."""
+        """Return a block mean minus what the reference predicts for features [F], W."""
         return block - self.mean - float((features - self.centre) @ np.array(self.slopes))
 
 
@@ -101,7 +101,7 @@ class ShiftDetector:
     """
 
     def __init__(self, noise: tuple[ReferenceNoise, ...], blocks_between_alarms: float) -> None:
-        """blocks_between_alarms: A, on average at least, while nothing changed."""
+        """noise: of each drive; blocks_between_alarms: A, the least mean while nothing changed."""
         self.noise = noise
         self.limit = blocks_between_alarms
         self._last: list[float | None] = [None] * len(noise)
@@ -110,10 +110,10 @@ class ShiftDetector:
         self.since = np.zeros((len(noise), 2), int)  # blocks of that sum
 
     def add(self, left: list[float | None]) -> tuple[int, int] | None:
-        """Take what each drive's block has more than the reference, W; None for no block.
+        """Take one block: `ReferenceNoise.left` of each drive, W; None for a drive without one.
 
-        Return the drive and the sign (1 or −1) of a shift when it is found; the evidence then
-        begins anew.
+        Returns the drive and the sign (1 or −1) of a shift when it is found, else None; the
+        evidence then begins anew.
         """
         for drive, (own, noise) in enumerate(zip(left, self.noise, strict=True)):
             before, self._last[drive] = self._last[drive], own
@@ -133,7 +133,7 @@ class ShiftDetector:
         return drive, 1 if side == 0 else -1
 
     def pause(self) -> None:
-        """Take the next block as one that does not follow the last."""
+        """Treat the next block as one that does not follow the last."""
         self._last = [None] * len(self.noise)
 
     def _bet(self, drive: int, innovation: float) -> None:
@@ -148,7 +148,7 @@ class ShiftDetector:
 
 
 def log_e_values(y: float, noise: ReferenceNoise) -> Floats:
-    """Return the logarithms of the e-values of a clipped innovation, in sigmas, for all bets."""
+    """Return the log e-value [bets] of each bet for a clipped innovation y, in sigmas."""
     bets, most = np.array(BETS), CLIP + abs(noise.bias)
     cost = noise.variance * (np.expm1(bets * most) - bets * most) / most**2
     return np.asarray(bets * y - cost)
@@ -156,7 +156,7 @@ def log_e_values(y: float, noise: ReferenceNoise) -> Floats:
 
 @schema
 class WatchReference:
-    """Noise of each drive about a model, in blocks of so many seconds."""
+    """Content of a reference file: statistics by drive about a model, in blocks of `block` s."""
 
     format: Literal['watch_reference/1']
     model: str
@@ -165,7 +165,7 @@ class WatchReference:
 
     @classmethod
     def load(cls, path: Path, model: str, block: int) -> 'WatchReference | None':
-        """Read a file, None where there is none; InputError for one of another model."""
+        """Read a file, None if absent; InputError for another model or block length (s)."""
         if not path.exists():
             return None
         found = read(cls, path, 'reference')
@@ -210,7 +210,7 @@ class WatchConfig(CheckedFields):
 
     @property
     def blocks_between_alarms(self) -> float:
-        """Mean number of blocks between false alarms, at least."""
+        """Least mean number of blocks between false alarms."""
         return _MONTH / self.block / self.false_alarms_per_month
 
 
@@ -225,7 +225,7 @@ class Shift:
 
     @property
     def sentence(self) -> str:
-        """The alarm in words."""
+        """Alarm in words."""
         more = 'more' if self.watts > 0 else 'less'
         return (
             f'{self.drive} draws {abs(self.watts):.2f} W {more} than the reference, for '
@@ -234,11 +234,11 @@ class Shift:
 
 
 class ChangeWatch:
-    """Seconds of measured and estimated power of D drives, tested block by block.
+    """Test for drives that draw other than their reference, from means over seconds.
 
-    A block is the median of its seconds, so that a push or a stumble of less than half a block
-    says nothing. The reference is learned from the first blocks unless it is given. Blocks in
-    which a drive moves as the reference never did are left out for it.
+    A block is the median of its seconds, so that a push or a stumble of less than half a block has
+    no weight. The reference is learned from the first blocks unless it is given. A drive's blocks
+    in which it moves as the reference never did are left out.
     """
 
     def __init__(
@@ -263,18 +263,18 @@ class ChangeWatch:
 
     @property
     def reference(self) -> dict[str, ReferenceNoise] | None:
-        """The reference by drive; None while it is learned."""
+        """Statistics by drive; None while they are learned."""
         if self._detector is None:
             return None
         return dict(zip(self.drives, self._detector.noise, strict=True))
 
     @property
     def learned(self) -> float:
-        """Share of the reference that is learned."""
+        """Share of the reference that is learned, 0 to 1."""
         return 1.0 if self._detector else len(self._learned) / self._needed
 
     def report(self) -> tuple[bool, str, dict[str, str]]:
-        """Return whether nothing changed, a sentence, and figures."""
+        """Return whether nothing changed, a sentence, and figures as text by name."""
         figures = {
             'alarms': str(len(self.alarms)),
             'false alarms allowed': f'{self.config.false_alarms_per_month:g} a month of motion',
@@ -295,9 +295,10 @@ class ChangeWatch:
         return round(self.config.reference_minutes * 60 / self.config.block)
 
     def second(self, index: int, difference: Floats, regressors: Floats) -> Shift | None:
-        """Take one second's mean of measured − estimated, W [D], and of 1, |ω|, ω², τ², P [D, 5].
+        """Take the means over one second, and return a shift when it is found, else None.
 
-        index: of the second; NaN for drives without a value. Return a shift when it is found.
+        index: number of the second. difference: measured − estimated, W [D]. regressors [D, 5]: 1,
+        |ω|, ω², τ² and estimated power. NaN for drives without a value.
         """
         if self._index is not None and index != self._index + 1:
             self._pause()

@@ -27,7 +27,7 @@ _SETTLED: Final = 0.05  # share of a carried state that may stem from before the
 
 
 class NetworkStream:
-    """The Power Prediction Network with carried state, all drives in one step.
+    """Power Prediction Network on blocks of samples, with the state carried between them.
 
     Samples at a multiple of its rate are averaged, and its estimates held.
     """
@@ -46,7 +46,7 @@ class NetworkStream:
         self._seen: Singles = np.zeros((0, len(drives), 3), np.float32)
 
     def advance(self, block: AlignedDataset) -> Singles:
-        """Return the power in W [n, D]."""
+        """Return the power in W [n, D] of the next block of n samples."""
         x = features(block)
         if self._times > 1:
             x = x.reshape(-1, self._times, *x.shape[1:]).mean(axis=1)
@@ -67,9 +67,10 @@ class NetworkStream:
 
 
 class WindowStream:
-    """A power model that is run on each block and the samples before it that it needs.
+    """Power model that is run on each block and the samples before it that it needs.
 
     parts: mean power of the last block by effect, W [D], of models that are made of effects.
+    InputError for a memory that cannot be carried.
     """
 
     settled = True
@@ -87,7 +88,7 @@ class WindowStream:
         self._window: AlignedDataset | None = None
 
     def advance(self, block: AlignedDataset) -> Singles:
-        """Return the power in W [n, D]."""
+        """Return the power in W [n, D] of the next block of n samples."""
         return self._model.predict(self._with_past(block))[-len(block.time) :]
 
     def outside(self, margin: float) -> bool:
@@ -103,7 +104,7 @@ class WindowStream:
 
 
 class EffectStream(WindowStream):
-    """A model of effects: the memory of its effects and of its base model is carried."""
+    """Model of effects on blocks; the memory of effects and of the base model is carried."""
 
     def __init__(self, model: EffectModel, drives: Sequence[str], rate: float) -> None:
         self._effects = replace(model, base=None, base_model=None)
@@ -116,11 +117,11 @@ class EffectStream(WindowStream):
 
     @property
     def settled(self) -> bool:  # type: ignore[override]
-        """Return whether what was before the first sample no longer matters."""
+        """True once what was before the first sample no longer matters."""
         return self._carried.unknown < _SETTLED
 
     def advance(self, block: AlignedDataset) -> Singles:
-        """Return the power in W [n, D]; keep its mean by part."""
+        """Return the power in W [n, D] of the next block; `parts` has its mean by effect."""
         if self._base is not None:
             block = replace(block, extras={'base': self._base.advance(block)})
         window, count = self._with_past(block), len(block.time)
@@ -167,12 +168,12 @@ _BRIDGED: Final = 0.01  # s of missing joint states before the past is dropped
 
 
 class CausalSampler:
-    """Means of the joint states in bins of 1/rate, cut by the stamps.
+    """Means of the joint states in successive bins of 1/rate s; rate in Hz.
 
     A sample is returned with the last joint state in its bin, not with the first of the next bin.
-    At 400 Hz in and 200 Hz out that is the mean of two: a delay of 1.25 ms and −3 dB at 100 Hz.
-    Up to 10 ms of empty bins are interpolated; after a longer gap, or a step back in time, the
-    sample is fresh.
+    At 400 Hz in and 200 Hz out that is the mean of two: a delay of 1.25 ms and −3 dB at 100 Hz. Up
+    to 10 ms of empty bins are interpolated; after a longer gap, or a step back in time, the sample
+    is fresh.
     """
 
     def __init__(self, rate: float) -> None:
@@ -187,7 +188,7 @@ class CausalSampler:
         self._previous: tuple[int, Floats] | None = None
 
     def add(self, stamp: int, signals: Floats) -> Iterator[tuple[int, Floats, bool]]:
-        """Take one joint state, signals [S, D]; yield (stamp, mean [S, D], fresh) of full bins."""
+        """Take a joint state [S, D]; yield stamp (ns), mean [S, D] and `fresh` of full bins."""
         if self._origin is None:
             self._origin = stamp - _AHEAD
         else:
@@ -245,7 +246,7 @@ class LiveConfig(CheckedFields):
 
 @dataclass(frozen=True)
 class LiveSample:
-    """Signals of D drives at the model's rate."""
+    """One sample of D drives at the model's rate."""
 
     stamp: int  # ns, of the newest joint state in it
     signals: Floats  # in SI units [S, D]
@@ -263,17 +264,17 @@ class Estimate:
 
     @property
     def total(self) -> float:
-        """Return the sum over the known drives, W; NaN if there are none."""
+        """Sum over the drives with an estimate, W; NaN if there are none."""
         known = np.isfinite(self.power)
         return float(self.power[known].sum()) if known.any() else float('nan')
 
 
 class LiveEstimator:
-    """Joint states and what else the model needs in, estimates at 50 Hz out.
+    """Live estimates at 50 Hz from joint states and what else the model needs.
 
     A command holds from its stamp until the next one, a supply's voltage and temperature until the
     next. Of a model that needs targets there is no estimate without them (the drives are damped).
-    Joint states with a NaN in what the model needs are left out.
+    Joint states with a NaN in what the model needs are counted in `refused` and left out.
     """
 
     def __init__(
@@ -318,7 +319,10 @@ class LiveEstimator:
     def joint_state(
         self, stamp: int, position: Floats, velocity: Floats, torque: Floats
     ) -> Estimate | None:
-        """Take a joint state [D] of stamp (ns); return an estimate when one is due."""
+        """Take position (rad), velocity (rad/s) and torque (N·m) [D] at a stamp in ns.
+
+        Returns an estimate when one is due, else None.
+        """
         while self._waiting and self._waiting[0][0] <= stamp:
             self._command = self._waiting.popleft()
         if self._targets and self._command is None:

@@ -18,10 +18,10 @@ from power_estimator.model import PowerModel
 def estimates(
     recording: Recording, model: PowerModel, config: LiveConfig | None = None
 ) -> tuple[tuple[str, ...], Iterator[Estimate]]:
-    """Return the drives and the estimates of the live node for them.
+    """Return the drives and, as an iterator, what the live node would estimate for them.
 
-    The drives of a model that needs targets are the joints with a command. A command holds from
-    its stamp on, as if it had arrived in time.
+    The drives of a model that needs targets are the joints with a command; InputError if there is
+    none. A command holds from its stamp on, as if it had arrived in time.
     """
     topics = topics_of((*model.needs.inputs, *model.needs.improved_by))
     states = recording.joint_states()
@@ -70,7 +70,7 @@ def _held(samples: DriveSamples, drives: Sequence[str], stamps: NDArray[np.int64
 
 
 def messages(estimates: list[Estimate], drives: tuple[str, ...], model: str) -> list[bytes]:
-    """Encode PowerEstimate messages as CDR bytes."""
+    """Return estimates as PowerEstimate messages, each serialised to CDR bytes."""
     return in_a_list(
         encode_block(
             POWER_ESTIMATE,

@@ -10,13 +10,13 @@ from power_estimator.scores import r2
 
 
 class LiveScore:
-    """Pairs of each estimate with the mean of the measured power over its time.
+    """Scores of estimates against the mean of the measured power over the same time.
 
     An estimate waits until measurements reach its stamp, so that late samples count as well.
     """
 
     def __init__(self, width: float, window: float = 30.0) -> None:
-        """width: s of an estimate's time; window: s that are scored."""
+        """width: s that an estimate covers; window: s over which R² is taken."""
         self.window = window
         self._width = round(width * 1e9)
         self._second = max(1, round(1 / width))
@@ -25,7 +25,7 @@ class LiveScore:
         self._pairs: deque[tuple[float, float]] = deque(maxlen=max(1, round(window / width)))
 
     def measured(self, stamp: int, watts: float) -> None:
-        """Take the measured sum of the drives at a stamp (ns)."""
+        """Take the measured sum of the drives, W, at a stamp (ns)."""
         while self._waiting and self._waiting[0][0] < stamp:
             end, estimated = self._waiting.popleft()
             while self._measured and self._measured[0][0] <= end - self._width:
@@ -36,12 +36,12 @@ class LiveScore:
         self._measured.append((stamp, watts))
 
     def estimated(self, stamp: int, watts: float) -> None:
-        """Take the estimated sum over the width before a stamp (ns)."""
+        """Take the estimated sum, W, over the width before a stamp (ns)."""
         if np.isfinite(watts):
             self._waiting.append((stamp, watts))
 
     def figures(self) -> dict[str, str]:
-        """Return means of the last second and R² over the window; empty before a second."""
+        """Return means of the last second and R² as text by name; empty before a second."""
         if len(self._pairs) < self._second:
             return {}
         measured, estimated = np.array(self._pairs).T

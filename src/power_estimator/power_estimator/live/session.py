@@ -34,7 +34,7 @@ class _Sums:
 
 @dataclass
 class SecondMeans:
-    """Sums by second of D drives, until each stream has passed it.
+    """Means over each second of D drives, once all streams have passed it.
 
     rate: estimates per second.
     """
@@ -46,7 +46,7 @@ class SecondMeans:
     _estimated: int = -1
 
     def measured(self, stamp: int, power: Floats) -> None:
-        """Take measured power [samples, D], W, without NaN."""
+        """Take measured power W [samples, D], without NaN, at a stamp (ns)."""
         sums = self._of(stamp)
         self._measured = max(self._measured, stamp // _SECOND)
         if sums is not None:
@@ -54,14 +54,14 @@ class SecondMeans:
             sums.samples += len(power)
 
     def moved(self, stamp: int, velocity: Floats, torque: Floats) -> None:
-        """Take speed [D], rad/s, and torque [D], N·m."""
+        """Take speed in rad/s and torque in N·m, [D], at a stamp (ns)."""
         sums = self._of(stamp)
         if sums is not None:
             sums.motion += np.stack([np.abs(velocity), velocity**2, torque**2], axis=1)
             sums.states += 1
 
     def estimated(self, stamp: int, power: Floats) -> None:
-        """Take an estimate [D], W, that may be relied on."""
+        """Take a reliable estimate W [D] at a stamp (ns)."""
         sums = self._of(stamp)
         self._estimated = max(self._estimated, stamp // _SECOND)
         if sums is not None:
@@ -69,7 +69,7 @@ class SecondMeans:
             sums.estimates += 1
 
     def complete(self) -> Iterator[tuple[int, Floats, Floats]]:
-        """Yield index, measured − estimated [D] and 1, |ω|, ω², τ², P [D, 5] of past seconds."""
+        """Yield each complete second's arguments for `ChangeWatch.second`, once."""
         passed = min(self._measured, self._estimated)
         for index in sorted(i for i in self._sums if i < passed):
             sums = self._sums.pop(index)
@@ -110,13 +110,13 @@ _TOPICS = {
 
 
 def topics_of(inputs: Iterable[str]) -> set[str]:
-    """Return the topics that bring these inputs."""
+    """Return the names of the topics that bring these inputs of a model."""
     return {_TOPICS.get(name, 'joint_states') for name in inputs}
 
 
 @dataclass(frozen=True)
 class Vector:
-    """Values by name, as a message has them."""
+    """Rows of values by name, at a stamp, as a message has them."""
 
     stamp: int  # ns
     names: tuple[str, ...]
@@ -141,7 +141,7 @@ class _Columns:
 
 
 class LiveSession:
-    """Estimates from joint states and what else the model needs, in any order of names.
+    """Estimates and their diagnostics from messages with names in any order.
 
     The drives are those of joint_states (and of joint_commands, for a model that needs targets)
     that the model knows and that are `wanted` (all if empty). Times of arrival are in s on a
@@ -158,7 +158,11 @@ class LiveSession:
         watch: WatchConfig | None = None,
         reference: Mapping[str, ReferenceNoise] | None = None,
     ) -> None:
-        """watch: compare with a reference as it runs, which is learned unless it is given."""
+        """stale_after: s without joint states or estimates until the input is stale.
+
+        watch: settings for a comparison with `reference`, which is learned unless it is given;
+        None for no comparison.
+        """
         self._watch_config, self._reference = watch, reference
         self.watch: ChangeWatch | None = None
         self._seconds: SecondMeans | None = None
@@ -184,16 +188,16 @@ class LiveSession:
 
     @property
     def model(self) -> str:
-        """Return the name of the power model."""
+        """Name of the power model."""
         return self._model.name
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Return the estimated drives; empty until both topics have been received."""
+        """Names of the estimated drives; empty until the required topics have been received."""
         return () if self._live is None else self._live.drives
 
     def command(self, command: Vector, arrival: float) -> None:
-        """Take position targets [1, names] in rad; NaN for none."""
+        """Take position targets [1, names] in rad, NaN for none; arrival: s."""
         if 'joint_commands' not in self.topics:
             return
         self._hear('joint_commands', arrival)
@@ -207,7 +211,7 @@ class LiveSession:
             self._live.command(command.stamp, found[0])
 
     def joint_state(self, state: Vector, arrival: float) -> Estimate | None:
-        """Take position, velocity and torque [3, names]; return an estimate when one is due."""
+        """Take position, velocity, torque [3, names] in SI; return an estimate if one is due."""
         self._hear('joint_states', arrival)
         if self._live is None and not self._begin(state, arrival):
             return None
@@ -250,7 +254,7 @@ class LiveSession:
             self._score.measured(measured.stamp, float(good.sum(axis=1).mean()))
 
     def watched(self) -> Shift | None:
-        """Test the seconds that are complete; return a shift when it is found."""
+        """Test the seconds that are complete; return a shift when it is found, else None."""
         found = None
         if self.watch is not None and self._seconds is not None:
             for second in self._seconds.complete():
@@ -258,7 +262,7 @@ class LiveSession:
         return found
 
     def stale(self, now: float) -> Estimate | None:
-        """Return an empty estimate if an input has stopped or lacks targets."""
+        """Return an empty estimate (NaN, INPUT_STALE) if none was made for `stale_after` s."""
         if self._live is None or now - self._estimated <= self._stale_after:
             return None
         stamp = self._last.stamp if self._last else 0
@@ -266,11 +270,11 @@ class LiveSession:
         return self._say(Estimate(stamp, unknown, Status.INPUT_STALE))
 
     def sent(self, age: float) -> None:
-        """Note the age (s) of an estimate's newest joint state when it was sent."""
+        """Take the age (s) of the newest joint state of an estimate when it was sent."""
         self._ages.append(age)
 
     def report(self, now: float) -> tuple[bool, str, dict[str, str]]:
-        """Return whether all is well, a sentence, and figures since the last report."""
+        """Return whether all is well, a sentence, and figures as text since the last report."""
         counts, self._counts = self._counts, dict.fromkeys(self._counts, 0)
         status = self._last.status if self._last else Status.WARMING_UP
         sentence = MESSAGES.get(status, '')

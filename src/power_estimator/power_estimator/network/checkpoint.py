@@ -131,7 +131,7 @@ class Network:
 
 @schema
 class TrainingRecording:
-    """A recording that the networks were trained on; held_out in s, by drive type."""
+    """Recording that the networks were trained on; held_out: spans in s, by drive type."""
 
     name: Name
     sha256: Name
@@ -180,7 +180,7 @@ class Checkpoint:
     software: str = ''
 
     def save(self, path: Path) -> None:
-        """Write atomically; InputError if the folder cannot be written."""
+        """Write the networks to a file, or nothing; InputError if it cannot be written."""
         from safetensors.numpy import save  # only written files need it
 
         tensors = {

@@ -17,7 +17,7 @@ def features(data: AlignedDataset) -> Singles:
 
 @dataclass(frozen=True)
 class Scaling:
-    """Mean and scale of features [3] and power; the network sees (x − mean) / scale."""
+    """Mean and scale of features [3] and power in W; the network sees (x − mean) / scale."""
 
     mean: tuple[float, float, float]
     scale: tuple[float, float, float]

@@ -51,10 +51,10 @@ class Weights:
 
 
 class LstmBank:
-    """Networks of one size, each for its own drives, with carried state.
+    """Networks of one size, each for drives of its type, with carried state.
 
-    Takes features in SI units and gives watts: the scaling is folded into the weights. Drives
-    that belong to no network get NaN.
+    columns: of the D drives, by network. Takes features in SI units and gives watts; drives of no
+    network get NaN. ValueError where the sizes differ.
     """
 
     def __init__(

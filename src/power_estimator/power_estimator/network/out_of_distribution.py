@@ -57,10 +57,10 @@ class OutOfDistributionScore(CheckedFields):
 
 
 class Guard:
-    """Out-of-distribution test of blocks of samples, for D drives at once."""
+    """Test of blocks of samples for motion outside the training data, for D drives at once."""
 
     def __init__(self, known: Iterable[OutOfDistributionScore | None]) -> None:
-        """known: the score of each drive; a drive without one is never marked."""
+        """known: score of each drive [D], None for a drive that is never marked."""
         drives = list(known)
         self._mean = np.zeros((len(drives), SIZE))
         self._inverse = np.zeros((len(drives), SIZE, SIZE))
@@ -79,6 +79,6 @@ class Guard:
 
 
 def describe(blocks: Singles) -> Singles:
-    """Return mean over and change within blocks [..., S, 3] → [..., 6]."""
+    """Return mean over blocks [..., S, 3] and change from first to last row, [..., 6]."""
     change = blocks[..., -1, :] - blocks[..., 0, :]
     return np.concatenate([blocks.mean(axis=-2), change], axis=-1)

@@ -33,18 +33,18 @@ class PowerPredictionNetwork:
 
     @property
     def needs(self) -> Needs:
-        """Features at the network's rate, and the history of an estimate."""
+        """Inputs at the network's rate, with a memory of its history."""
         config = self.checkpoint.config
         inputs = dict.fromkeys(FEATURES, '')
         return Needs(inputs, config.rate, smooth=True, memory=config.history / config.rate)
 
     @classmethod
     def load(cls, path: Path) -> 'PowerPredictionNetwork':
-        """Load a run folder or a file; InputError names the file and the fault."""
+        """Load a run folder, a file or a shipped network by name; InputError names the fault."""
         return cls(Checkpoint.load(path))
 
     def stream(self, drives: Sequence[str]) -> LstmBank:
-        """Return a network per drive with carried state; InputError if no drive is known."""
+        """Return the networks of the drives with carried state; InputError if none is known."""
         columns = assign(drives, self.types)
         if not any(columns.values()):
             patterns = ', '.join(p for t in self.types for p in t.patterns)
@@ -80,10 +80,11 @@ class PowerPredictionNetwork:
         return low, high
 
     def predict(self, data: AlignedDataset) -> Singles:
-        """Return watts [T, D] with carried state.
+        """Return the power in W [T, D], with the state carried from sample to sample.
 
         NaN for drives of no known type, where a feature is missing and for warm_up samples after.
-        Data at a multiple of the network's rate is averaged down and the estimate held.
+        Data at a multiple of the network's rate is averaged down and the estimate held; InputError
+        for another rate.
         """
         config = self.checkpoint.config
         times = round(data.rate / config.rate)
@@ -118,7 +119,7 @@ class PowerPredictionNetwork:
 
 
 class WindowedNetwork(PowerPredictionNetwork):
-    """The paper's form: 0.3 s of history from a state of zero for the outputs of each block.
+    """Network in the paper's form: each block of outputs from 0.3 s of history and a zero state.
 
     NaN where the window reaches over the start of a gap-free stretch.
     """

@@ -25,10 +25,11 @@ SCRIPT: Final = 'power_term.pt'
 def export(
     checkpoint: Checkpoint, folder: Path, drives: Sequence[str], sample_rate: float
 ) -> list[Path]:
-    """Write the module and its tensors; with drives TorchScript too, which fixes their order.
+    """Write module and tensors of a power term into folder; return the files.
 
-    sample_rate: in Hz, of the samples that the TorchScript file takes. Returns the files.
-    InputError for a drive of no type or a rate that is no whole part of the network's.
+    With drives there is TorchScript too, for these columns. sample_rate: in Hz, of the samples
+    that it takes. InputError for a drive of no type or a rate that is no whole part of the
+    network's.
     """
     tensors = {
         f'{network.type.name}/{name}': values
@@ -55,7 +56,7 @@ def export(
 
 
 def in_si_units(network: Network) -> dict[str, torch.Tensor]:
-    """Return the weights with the scaling folded in: SI units to watts."""
+    """Return the weights with the scaling folded in, by name: SI units in, watts out."""
     weights, scaling = network.weights, network.scaling
     scaled = weights.input.astype(float) / np.array(scaling.scale)
     watts = weights.output_bias.astype(float) * scaling.power_scale + scaling.power_mean

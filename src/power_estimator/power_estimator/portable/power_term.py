@@ -32,7 +32,7 @@ FEATURES = ('position_error', 'torque', 'velocity')  # rad (target − position)
 
 
 class DriveTypeLstm(nn.Module):
-    """The network of one drive type, with the state of each of its drives on each robot."""
+    """Network of one drive type, with the state of each of its drives on each robot."""
 
     h: Tensor
     c: Tensor
@@ -57,7 +57,7 @@ class DriveTypeLstm(nn.Module):
         self.register_buffer('c', torch.zeros(1, 0, self.hidden), persistent=False)
 
     def begin(self, robots: int) -> None:
-        """Forget everything, for this many robots."""
+        """Set the state to zero, for this many robots."""
         shape = [1, robots * self.columns.numel(), self.hidden]
         self.h = torch.zeros(shape, dtype=torch.float32, device=self.columns.device)
         self.c = torch.zeros(shape, dtype=torch.float32, device=self.columns.device)
@@ -69,7 +69,7 @@ class DriveTypeLstm(nn.Module):
         self.c = torch.where(rows[None, :, None], torch.zeros_like(self.c), self.c)
 
     def forward(self, features: Tensor) -> Tensor:
-        """Return the mean power in W [N, k] of the type's drives from [S, N, D, 3]."""
+        """Return the mean power in W [N, k] of the type's k drives over S samples [S, N, D, 3]."""
         own = features.index_select(2, self.columns)
         samples, robots, drives = own.shape[0], own.shape[1], own.shape[2]
         rows = own.reshape(samples, robots * drives, 3)
@@ -219,7 +219,7 @@ class PowerReward:
         self._asset = asset
 
     def reset(self, env_ids: Tensor | Sequence[int] | slice | None = None) -> None:
-        """Forget the past of these environments."""
+        """Forget the past of these environments, or of all."""
         if env_ids is None or isinstance(env_ids, slice):
             robots = torch.arange(self._env.num_envs, device=self._env.device)
             env_ids = robots if env_ids is None else robots[env_ids]
@@ -229,7 +229,7 @@ class PowerReward:
     def __call__(
         self, env: Any, file: str, asset: str = 'robot', joints: str | Sequence[str] = '.*'
     ) -> Tensor:
-        """Return the sum of watts [N]."""
+        """Return the watts of all drives [N]; arguments after env are the term's params."""
         data, own = self._asset.data, self._joints
         torque = data.applied_torque if hasattr(data, 'applied_torque') else data.qfrc_actuator
         error = data.joint_pos_target[:, own] - data.joint_pos[:, own]

@@ -42,7 +42,7 @@ from power_estimator.training.trainer_config import TrainerConfig
 
 @dataclass(frozen=True)
 class Job:
-    """The network of one drive type in one fold."""
+    """Task to train the network of one drive type in one fold."""
 
     type: DriveType
     fold: int
@@ -57,8 +57,8 @@ class CrossValidation:
     """Training and test of one network per drive type and fold (Section II-A).
 
     data: smoothed signals for targets and scores. others: further features [T, D, 3] of the same
-    samples (as the live node forms them), which training mixes in. targets: W [T, D], the measured
-    power by default (else a teacher's output).
+    samples (as the live node forms them), which training mixes in. targets: W [T, D], by default
+    the measured power, else a teacher's output. InputError for data without a usable drive.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class CrossValidation:
         self.jobs = tuple(Job(t, fold) for fold in range(protocol.folds) for t in self.types)
 
     def labels(self, job: Job) -> NDArray[np.int8]:
-        """Return the part of each sample [T] for the job."""
+        """Return the `Part` (train, validation, test, unused) of each sample [T] for a job."""
         return self.protocol.labels(self._segments[job.type.name], job.fold)
 
     def trainer(self, job: Job) -> Trainer:
@@ -127,7 +127,7 @@ class CrossValidation:
             raise InputError(f'{self._where(job.type.name)}: {job.type.name}: {error}') from None
 
     def restored(self, job: Job, state: Mapping[str, NDArray[np.floating]]) -> Trainer:
-        """Return the trainer of a state; InputError where it is of another network."""
+        """Return a job's trainer in a state of `Trainer.state`; InputError if it does not fit."""
         trainer = self.trainer(job)
         try:
             trainer.restore(state)
@@ -144,7 +144,10 @@ class CrossValidation:
         progress: Callable[[Trainer], None] = lambda trainer: None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> Trainer:
-        """Train a job from the state that the folder keeps, and keep that of each epoch there."""
+        """Train a job from the state in the folder, if any; the state of each epoch is kept there.
+
+        progress: called after each epoch; stopped: asked before each.
+        """
         kept = folder.load_state(job.name)
         if kept is None:
             trainer = self.trainer(job)
@@ -163,7 +166,7 @@ class CrossValidation:
         progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
         workers: int = 2,
     ) -> dict[Job, Trainer]:
-        """Train all jobs on `workers` threads, each on a core of its own, keeping their state.
+        """Train all jobs on `workers` threads, each on one core; states are kept in the folder.
 
         Ctrl-C ends at the next epoch; the state reached stays in the folder.
         """
@@ -185,7 +188,7 @@ class CrossValidation:
         return {job: future.result() for future, job in futures.items()}
 
     def checkpoint(self, fold: int, trainers: Mapping[Job, Trainer]) -> Checkpoint:
-        """Return the networks of a fold with all that their use and evaluation need."""
+        """Return a fold's networks with their training ranges, intervals and held-out spans."""
         networks = []
         held_out: dict[str, list[slice]] = {}
         for job, trainer in trainers.items():

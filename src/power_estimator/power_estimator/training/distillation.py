@@ -66,12 +66,12 @@ class Distillation:
         )
 
     def checkpoint(self, trainers: Mapping[Job, Trainer], spec: str) -> Checkpoint:
-        """Return the student; spec names its teacher."""
+        """Return the trained student; spec: its teacher, for the card."""
         found = self.validation.checkpoint(0, trainers)
         return replace(found, training={**found.training, 'teacher': spec})
 
     def test(self, checkpoint: Checkpoint, recordings: Loaded) -> DistillationResult:
-        """Judge both on what neither was trained on, with smoothed and with live features."""
+        """Judge student and teacher where neither was trained, with smoothed and live features."""
         student = PowerPredictionNetwork(checkpoint, STUDENT)
         teacher = PowerPredictionNetwork(self.teacher.checkpoint, TEACHER)
         types = self.validation.types

@@ -25,7 +25,7 @@ CODE = ('power_estimator', 'power_recordings')
 
 @dataclass(frozen=True)
 class NetworkTask:
-    """All that a worker needs to train one network; files under paths that all machines share."""
+    """All that a worker needs to train one network; all machines must share its paths."""
 
     paths: tuple[Path, ...]
     drives: tuple[str, ...]
@@ -41,7 +41,7 @@ class NetworkTask:
     def of(
         cls, given: TrainingSet, validation: CrossValidation, job: Job, folder: NetworkRunFolder
     ) -> Self:
-        """Return the task of a job."""
+        """Return the task of one job of a cross-validation."""
         return cls(
             tuple(path.resolve() for path in given.paths),
             tuple(given.drives),
@@ -88,7 +88,10 @@ def train_on_workers(
     folder: NetworkRunFolder,
     progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
 ) -> dict[Job, Trainer]:
-    """Train all jobs of a cross-validation of these recordings; progress is told of ended ones."""
+    """Train all jobs of a cross-validation of these recordings by the engine; return trainers.
+
+    progress: called when a job has ended.
+    """
     tasks = [NetworkTask.of(given, validation, job, folder) for job in validation.jobs]
     trainers: dict[Job, Trainer] = {}
     for place, state in engine.completed(train_network, tasks, CODE):

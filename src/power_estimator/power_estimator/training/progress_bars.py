@@ -46,7 +46,7 @@ class TrainingBars:
             print(f'stopped; {self._run} goes on with the same command and --resume')
 
     def show(self, job: str, trainer: Trainer) -> None:
-        """Show that a job has reached an epoch, and its loss and R²."""
+        """Show the last epoch of a job, with its loss and R²."""
         last = trainer.history[-1]
         number, state = last.number, f'loss {last.loss:.4f}  R² {last.r2:.4f}'
         if trainer.done:

@@ -16,7 +16,7 @@ TENTHS = 10
 
 
 class Part(IntEnum):
-    """Use of a sample."""
+    """Part of the data that a sample belongs to."""
 
     UNUSED = -1
     TRAIN = 0
@@ -40,11 +40,11 @@ class Protocol(CheckedFields):
     margin: Annotated[int, Quantity(0, 10_000, 'samples')] = 60  # the history of the network
 
     def minimum(self) -> int:
-        """Return the least number of samples for parts of sufficient length."""
+        """Return the least number of usable samples, below which `labels` raises InputError."""
         return self.segments * TENTHS * max(2 * self.margin, 8)
 
     def labels(self, segment: NDArray[np.integer], fold: int) -> NDArray[np.int8]:
-        """Return the part of each sample [T] in one fold.
+        """Return the `Part` of each sample [T] in one fold; InputError for too few samples.
 
         segment [T] numbers the gap-free stretches; below zero is a sample that cannot be used.
         """
@@ -73,7 +73,10 @@ class Protocol(CheckedFields):
 def runs(
     labels: NDArray[np.int8], segment: NDArray[np.integer], part: Part, shortest: int = 1
 ) -> Iterator[slice]:
-    """Yield stretches of rows of one part, each in one segment, of at least `shortest` rows."""
+    """Yield slices of at least `shortest` rows of one part, each within one segment.
+
+    labels, segment: part and number of the gap-free stretch of each row [T].
+    """
     inside = labels == part
     border = np.flatnonzero((np.diff(inside.astype(np.int8)) != 0) | (np.diff(segment) != 0)) + 1
     edges = [0, *border.tolist(), len(labels)]

@@ -50,7 +50,7 @@ class NetworkRunFolder:
         (self.resume if resume else self.start)(config, cards)
 
     def start(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
-        """Begin a run; InputError if the folder exists or cannot be made."""
+        """Begin a run in a new folder; InputError if it exists already or cannot be made."""
         if self.path.exists():
             raise InputError(f'{self.path} exists already: give --resume or another folder')
         try:
@@ -83,12 +83,12 @@ class NetworkRunFolder:
         self._folds.mkdir(exist_ok=True)
 
     def save_state(self, job: str, tensors: Mapping[str, NDArray[np.generic]]) -> None:
-        """Write the state of a job."""
+        """Write the state of a job, arrays by name; RecordingError if it cannot be written."""
         content = save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
         write_whole(self._state / f'{job}.safetensors', content)
 
     def load_state(self, job: str) -> dict[str, NDArray[Any]] | None:
-        """Return the state of a job, None before its start; InputError for a damaged file."""
+        """Return arrays of a job's state, None before its start; InputError for a damaged file."""
         file = self._state / f'{job}.safetensors'
         if not file.exists():
             return None
@@ -98,17 +98,17 @@ class NetworkRunFolder:
             raise InputError(f'{error}; remove it to redo its fold') from None
 
     def save_model(self, fold: int, checkpoint: Checkpoint) -> None:
-        """Write the networks of a fold."""
+        """Write the networks of a fold; those of fold 0 are the run's model, too."""
         checkpoint.save(self._folds / f'{fold}.safetensors')
         if fold == 0:
             checkpoint.save(self.path / FILE)
 
     def save_json(self, file: str, content: Mapping[str, Any]) -> None:
-        """Write a table or curves."""
+        """Write content to a file of the run as JSON; ValueError for NaN."""
         write_whole(self.path / file, json.dumps(content, indent=1, allow_nan=False) + '\n')
 
     def finish(self, trainers: 'Mapping[Any, Trainer] | None' = None) -> None:
-        """Write the curves of the trainers, and remove the files that only --resume needs."""
+        """Write the curves of trainers by job, and remove the files that only --resume needs."""
         if trainers is not None:
             curves = {j.name: [asdict(e) for e in t.history] for j, t in trainers.items()}
             self.save_json(CURVES, curves)

@@ -38,7 +38,7 @@ _SHORTEST_CHUNK = 20
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """Hidden units and history of a network; history None: carried state."""
+    """Point of a sweep: hidden units and history of a network; history None: carried state."""
 
     hidden: int
     history: int | None = None  # samples
@@ -56,7 +56,7 @@ class SweepPoint:
         return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
 
     def training(self, base: TrainerConfig) -> TrainerConfig:
-        """Return the training for its use: with carried state, or windows of the history.
+        """Return the settings of the training, for carried state or windows of the history.
 
         Batches have about as many samples at every history.
         """
@@ -90,7 +90,7 @@ class Result:
     epochs: float = field(default=0.0)  # in the mean
 
     def content(self) -> dict[str, Any]:
-        """Return the result as JSON has it."""
+        """Return the result as content of JSON, with the history in s."""
         history = self.point.history
         return {
             'hidden': self.point.hidden,
@@ -103,7 +103,7 @@ class Result:
 
     @classmethod
     def load(cls, file: Path, point: SweepPoint) -> 'Result':
-        """Read a result; InputError for a damaged file."""
+        """Read a point's result; InputError for a file that is damaged or not there."""
         try:
             found = json.loads(read_text(file, 'point'))
             scores = {k: (float(v['r2']), float(v['r2_std'])) for k, v in found['types'].items()}
@@ -113,7 +113,7 @@ class Result:
 
 
 class Sweep:
-    """Training and test of one point after the other, all on the same held-out samples.
+    """Training and test of several sizes and histories, all on the same held-out samples.
 
     A finished point leaves `points/NAME/point.json` and is not repeated.
     """
@@ -147,10 +147,10 @@ class Sweep:
         workers: int = 1,
         engine: TaskEngine | None = None,
     ) -> Iterator[Result]:
-        """Yield results; Ctrl-C keeps the state of the networks in training.
+        """Yield the results of all points in order; Ctrl-C keeps the networks in training.
 
-        By an engine, networks of all points are trained at the same time, and progress is told of
-        ended ones; else `workers` of one point are.
+        With an engine, networks of all points are trained at the same time, and progress is called
+        for ended ones; else `workers` networks of one point are.
         """
         folders = {p: NetworkRunFolder(path / 'points' / p.name) for p in self._wanted}
         pending = [p for p in self._wanted if not (folders[p].path / RESULT).exists()]
@@ -199,7 +199,7 @@ class Sweep:
 
     @property
     def jobs(self) -> Sequence[Job]:
-        """Networks to train at each point: one Job per drive type and fold, the same at all."""
+        """Networks to train at each point: one Job per drive type and fold, the same for all."""
         return self._first.jobs
 
     def validation(self, point: SweepPoint) -> CrossValidation:
@@ -230,7 +230,7 @@ class Sweep:
         )
 
     def judged(self, point: SweepPoint, checkpoint: Checkpoint) -> JudgedModel:
-        """Judge the networks of a point and a fold on their test part."""
+        """Return the scores of a point's networks on the test part of their fold."""
         form = PowerPredictionNetwork if point.history is None else WindowedNetwork
         (found,) = self._judge.compare([form(checkpoint)], types=self._types)
         return found

@@ -12,7 +12,7 @@ from power_estimator.training.sweep import CHOSEN, Result
 
 
 def draw_sweep(path: Path, results: Sequence[Result], *, dark: bool = False) -> None:
-    """Draw units and history in columns, R² above and µs per sample below."""
+    """Draw R² above and µs per sample below, over units at left and history at right."""
     carried = sorted((r for r in results if r.point.history is None), key=lambda r: r.point.hidden)
     windows = sorted(
         (r for r in results if r.point.history is not None), key=lambda r: r.point.history or 0

@@ -34,7 +34,7 @@ class PowerLstm(nn.Module):
         return self.output(hidden)[..., 0], state
 
     def weights(self) -> Weights:
-        """Return the weights as numpy arrays."""
+        """Return the weights as numpy arrays, with the two biases summed."""
         arrays = {k: v.detach().numpy().copy() for k, v in self.state_dict().items()}
         return Weights(
             arrays['lstm.weight_ih_l0'],
@@ -45,7 +45,7 @@ class PowerLstm(nn.Module):
         )
 
     def set_weights(self, weights: Weights) -> None:
-        """Set the weights, of the same size."""
+        """Set the weights, which must be of the same size."""
         arrays = {
             'lstm.weight_ih_l0': weights.input,
             'lstm.weight_hh_l0': weights.recurrent,
@@ -70,7 +70,7 @@ class Tracks:
 
     @classmethod
     def join(cls, tracks: Sequence[tuple[Singles, Singles]]) -> 'Tracks':
-        """Join (features [V, n, 3], power [n]) of each stretch."""
+        """Join stretches (features [V, n, 3], power W [n]); InputError for none."""
         if not tracks:
             raise InputError('no stretch of data is long enough')
         return cls(
@@ -80,7 +80,7 @@ class Tracks:
         )
 
     def cut(self, length: int) -> 'Tracks':
-        """Return the samples in tracks of at most `length`."""
+        """Return the same samples, cut into tracks of at most `length` samples."""
         edges = [np.arange(a, b, length) for a, b in pairwise(self.edges.tolist())]
         return Tracks(self.features, self.power, np.r_[*edges, self.edges[-1]].astype(np.intp))
 
@@ -136,13 +136,13 @@ class Trainer:
 
     @property
     def done(self) -> bool:
-        """Return whether all epochs, or those of patience, are over."""
+        """True once all epochs have passed, or `patience` of them without a better validation."""
         number = len(self.history)
         since = number - max((e.number for e in self.history if e.best), default=number)
         return number >= self.config.epochs or since >= self.config.patience
 
     def epoch(self) -> Epoch:
-        """Pass once over the training data and validate."""
+        """Pass once over the training data, validate, and return the result."""
         number = len(self.history) + 1
         self._carried = None
         rng = np.random.default_rng([self.config.seed, number])
@@ -156,7 +156,7 @@ class Trainer:
         return result
 
     def validate(self) -> float:
-        """Return R² at 50 Hz on the validation tracks, with carried state."""
+        """Return R² at 50 Hz of the network on the validation tracks, with carried state."""
         edges = self._validation.edges
         lengths = np.diff(edges)
         x = torch.zeros(int(lengths.max()), len(lengths), len(FEATURES))
@@ -174,7 +174,7 @@ class Trainer:
         return scores.r2(np.concatenate(measured), np.concatenate(estimated))
 
     def state(self) -> dict[str, Singles]:
-        """Return the state that `restore` continues from exactly."""
+        """Return arrays by name from which `restore` continues exactly."""
         tensors = {f'now/{k}': v.numpy().copy() for k, v in self.network.state_dict().items()}
         tensors |= {f'best/{k}': v for k, v in vars(self.best).items()}
         for index, moments in self._optimiser.state_dict()['state'].items():
@@ -183,7 +183,7 @@ class Trainer:
         return tensors | {'history': np.array(rows, np.float64).reshape(-1, 3)}
 
     def restore(self, tensors: Mapping[str, NDArray[np.floating]]) -> None:
-        """Continue from `state`; KeyError or RuntimeError if it belongs to another network."""
+        """Continue from `state`; KeyError or RuntimeError if it is of another network."""
         self.network.load_state_dict(
             {k: torch.from_numpy(tensors[f'now/{k}'].copy()) for k in self.network.state_dict()}
         )
@@ -271,10 +271,10 @@ class Trainer:
 def plan(
     edges: NDArray[np.intp], config: TrainerConfig, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], Bools]:
-    """Return the order of chunks in an epoch: first rows [S, B] and resets before them [S, B].
+    """Return the chunks of an epoch: first rows [S, B] and whether the state is reset [S, B].
 
-    Tracks come in random order and are entered at a random row, so that chunks differ between
-    epochs.
+    edges: first row of each track and the end. Tracks come in random order and are entered at a
+    random row, so that chunks differ between epochs. InputError if no track has a chunk.
     """
     pieces = []
     for track in rng.permutation(len(edges) - 1):

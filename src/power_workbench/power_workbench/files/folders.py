@@ -35,11 +35,11 @@ class Folders:
 
     @classmethod
     def of(cls, named: Sequence[Path]) -> 'Folders':
-        """Roots of the paths that were named, their links resolved."""
+        """Return roots of the paths that were named, links resolved; absent ones are left out."""
         return cls(tuple(dict.fromkeys(path.resolve() for path in named if path.exists())))
 
     def with_root(self, path: Path) -> 'Folders':
-        """The same with one more."""
+        """Return the folders with one more root."""
         return Folders(tuple(dict.fromkeys([*self.roots, path.resolve()])))
 
     def within(self, given: str) -> Path:
@@ -63,7 +63,7 @@ class Folders:
         return path
 
     def recordings(self) -> list[dict[str, Any]]:
-        """Recordings below the roots: path, name, and what the card says, unread."""
+        """Return path, name, card and faults of recordings below the roots, without samples."""
         found: dict[Path, dict[str, Any]] = {}
         with _index() as index:
             for root in self.roots:
@@ -73,20 +73,20 @@ class Folders:
         return sorted(found.values(), key=lambda one: str(one['path']))
 
     def models(self) -> list[str]:
-        """Files below the roots that may be models, and networks as `ppn:RUN`."""
+        """Return YAML files below the roots, which may be models, and networks as `ppn:RUN`."""
         networks = [Path(path) for path in self.files(('.safetensors',))]
         runs = [f'ppn:{path.parent}' for path in networks if path.name == 'model.safetensors']
         return [*runs, *self.files(('.yaml', '.yml'))]
 
     def logs(self) -> list[str]:
-        """Files below the roots that others may have recorded, none of a recording or a run."""
+        """Return files below the roots that may be logs of others, not of a recording or a run."""
         own = {Path(one['path']) for one in self.recordings() if 'problem' not in one}
         own |= {Path(run.removeprefix('ppn:')) for run in self.models() if run.startswith('ppn:')}
         files = [Path(path) for path in self.files(ENDINGS)]
         return [str(path) for path in files if not {path, *path.parents} & own]
 
     def files(self, suffixes: Sequence[str]) -> list[str]:
-        """Files below the roots with one of the suffixes."""
+        """Return the files below the roots with one of the suffixes, sorted; 500 at most."""
         found = {
             str(path)
             for root in self.roots

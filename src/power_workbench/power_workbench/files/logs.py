@@ -26,7 +26,10 @@ _OF_TIME = re.compile(r'\b(no time|times? (in|reach|goes|of the row)|with a time
 
 
 def look(show: Show, file: str) -> dict[str, Any]:
-    """Columns of a log, a guessed map with remarks by place, and the ready maps that fit."""
+    """Return the columns of a log, a guessed import map with remarks, and the ready maps that fit.
+
+    show: takes ('progress', text); remarks: by entry of the map. InputError for an unreadable log.
+    """
     from power_recordings.importing.guess import guess_map  # slow to import
     from power_recordings.importing.listing import list_columns
     from power_recordings.importing.map_file import MAPS
@@ -62,7 +65,10 @@ def look(show: Show, file: str) -> dict[str, Any]:
 
 
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Signals of the first rows in SI units, or the error and the place in the map that has it."""
+    """Return the signals of a log's first rows in SI units, by the import map `content`.
+
+    A map or log that is wrong gives `misplaced` instead.
+    """
     from power_recordings.importing.listing import preview_log  # slow to import
     from power_recordings.importing.map_file import parse_map
     from power_recordings.importing.origin import origin_of_power
@@ -98,7 +104,10 @@ def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]
 def bring_in(
     show: Show, file: str, content: Mapping[str, Any], map_file: Path, output: Path
 ) -> dict[str, Any]:
-    """Write the map, and import the log with it; the recording, notes and quality, or an error."""
+    """Write `content` to map_file, and import the log with it as the recording `output`.
+
+    Returns path, counts of messages and notes; for a map or log that is wrong, `misplaced`.
+    """
     from power_recordings.importing.convert import import_logs  # slow to import
     from power_recordings.importing.map_file import load_map, parse_map
     from power_recordings.importing.sources import open_source
@@ -119,7 +128,10 @@ def bring_in(
 
 
 def misplaced(error: InputError) -> dict[str, Any]:
-    """An error in words, and the entry of the map that it is about, '' for none."""
+    """Return an error of an import as content of JSON: `error`, `place`, `fix`.
+
+    place: entry of the map, '' for none; fix: key and value that mend it, None without one.
+    """
     text = str(error)
     found = _PLACE.match(text)
     place = found['place'] if found else 'time' if _OF_TIME.search(text) else ''
@@ -160,9 +172,9 @@ _FOLDER: Final = 'logs'
 async def keep_log(
     folder: Path, name: str, length: int, chunks: AsyncIterator[bytes]
 ) -> dict[str, str]:
-    """Write a log of length bytes below a session's folder, whole or not at all.
+    """Write a log from chunks of bytes below a session's folder, or nothing; return {file: path}.
 
-    InputError for a name that is no log's, and where the disk has no room.
+    length: bytes to come. InputError for a name that is no log's, and where the disk has no room.
     """
     if Path(name).name != name or name.startswith('.') or not name.isprintable():
         raise InputError(f'{name!r} is no name of a file')

@@ -21,9 +21,9 @@ _ENDED = {'failed': 'the live view ended unexpectedly; follow anew'}
 
 
 class LiveFeed:
-    """Runs the process while somebody follows.
+    """Process of the live view, which runs while somebody follows, and its latest messages.
 
-    Methods may be called from any thread; `changed` is called in one of its own at each message.
+    Methods may be called from any thread; `changed` is called in a separate one at each message.
     """
 
     def __init__(self, changed: Callable[[], None]) -> None:
@@ -37,7 +37,7 @@ class LiveFeed:
         self._used: tuple[str, tuple[str, ...]] | None = None
 
     def has_more(self, count: int) -> bool:
-        """Return whether there are more messages than these."""
+        """Return whether more than the first `count` messages have come."""
         return self._count > count
 
     @property
@@ -52,26 +52,26 @@ class LiveFeed:
             return str(self._news[-1].get('recorder', '')) if self._news else ''
 
     def after(self, count: int) -> tuple[int, list[dict[str, Any]]]:
-        """Return how many messages there are, and those after the first `count`."""
+        """Return the number of messages so far, and those after the first `count`, if kept."""
         with self._lock:
             new = min(self._count - count, len(self._news))
             return self._count, list(self._news)[len(self._news) - new :] if new > 0 else []
 
     def join(self) -> None:
-        """Follow; the process is started where there is none."""
+        """Count one more follower; start the process where none runs."""
         with self._lock:
             self._following += 1
             if self._process is None or self._process.poll() is not None:
                 self._start()
 
     def leave(self) -> None:
-        """Follow no longer."""
+        """Count one follower less; the process ends 10 s after the last one left."""
         with self._lock:
             self._following -= 1
             self._left = time.monotonic()
 
     def use(self, spec: str, effect_files: Sequence[str]) -> None:
-        """Estimate with a model; '' for what the nodes publish."""
+        """Estimate with the model `spec`; '' for what the nodes publish."""
         with self._lock:
             wanted = (spec, tuple(effect_files))
             if self._pipe is not None and wanted != self._used:
@@ -80,7 +80,7 @@ class LiveFeed:
                     self._pipe.send(('use', *wanted))
 
     def note(self, text: str) -> None:
-        """Publish a note; InputError while nothing is followed."""
+        """Publish a note for recorders; InputError while nothing is followed."""
         with self._lock:
             if self._pipe is None:
                 raise InputError('nothing is followed; press “Follow the running robot” first')

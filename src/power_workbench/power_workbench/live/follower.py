@@ -47,7 +47,7 @@ class PowerRows:
 
 
 class RollingPower:
-    """Takes measurements and estimates in the order of their stamps, and gives rows once.
+    """Joins measurements and estimates, given in the order of their stamps, to rows of 20 ms.
 
     A row ends at the stamp of an estimate, so that both cover the same time. While no estimate
     comes, rows follow one another without one.
@@ -64,7 +64,7 @@ class RollingPower:
         self._end = 0  # of the last row
 
     def measured(self, names: Sequence[str], stamp_ns: Stamps, power: Doubles) -> None:
-        """Take measured power in W [n, D], NaN for samples that do not count."""
+        """Take measured power W [n, D] with ascending stamps [n]; NaN for what does not count."""
         self._use(names)
         if len(self._stamps) and len(stamp_ns) and stamp_ns[0] < self._stamps[-1] - _KEPT:
             self._forget()  # time was set back: another simulation
@@ -88,7 +88,7 @@ class RollingPower:
         self._waiting.append((stamp, row))
 
     def rows(self) -> PowerRows | None:
-        """Return the rows that are complete since the last call, None without one."""
+        """Return the rows that were completed since the last call, None where there are none."""
         newest = int(self._stamps[-1]) if len(self._stamps) else 0
         last = self._waiting[-1][0] if self._waiting else 0
         ends: list[int] = []
@@ -164,9 +164,9 @@ _SPAN = 1.0  # s over which a rate is counted
 
 
 class LiveFollower:
-    """Drains the topics and returns what the page shows of them.
+    """Decodes what has come on the topics, and returns what the page shows of it.
 
-    Without a model of its own, the estimates are those of the topic `power_estimate`. Times are in
+    Estimates are those of a model given to `use`, else of the topic `power_estimate`. Times are in
     s on a steady clock.
     """
 
@@ -187,7 +187,7 @@ class LiveFollower:
         self._counted_at = started
 
     def use(self, spec: str, effect_files: Sequence[str] = ()) -> None:
-        """Estimate with another model from now on; '' for the topic `power_estimate`."""
+        """Estimate with model `spec`, '' for `power_estimate`; `news` reports one that fails."""
         self._spec, self._fault, self._session = spec, '', None
         self._status = Status.WARMING_UP
         self._estimated = -np.inf
@@ -201,11 +201,11 @@ class LiveFollower:
         self._session = LiveSession(model)
 
     def report(self, figures: Mapping[str, str], now: float) -> None:
-        """Take the budget that the estimator of `power_estimate` reports."""
+        """Take the estimator's budget on `diagnostics`, {'PART [W]': text}, at now [s]."""
         self._reported = now, parts_of(figures)
 
     def news(self, now: float) -> dict[str, Any]:
-        """Decode what has come, and return the rows and the state of the topics."""
+        """Decode what has come; return new rows, rates, faults and budget as content of JSON."""
         drained = {topic: buffer.drain()[1] for topic, buffer in self.buffers.items()}
         measured, published = drained['drive_supply'], drained['power_estimate']
         if isinstance(measured, DriveSamples) and len(measured):

@@ -25,7 +25,7 @@ _RECORDER: Final = 'recorder: bag'
 
 
 class LiveViewNode(Node):
-    """Sends what the follower says over a pipe; ends with the other end of it.
+    """Node that sends a follower's news over a pipe, and ends with the other end of it.
 
     It takes ('use', model, files of effects) and ('note', text) from the pipe. A note goes out at
     once with the node's report, for whoever records.

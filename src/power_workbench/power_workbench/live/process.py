@@ -9,7 +9,7 @@ _NICER = 5  # than the nodes that are followed
 
 
 def main(descriptor: int) -> int:
-    """Run the node until the other end of the pipe is gone; return the exit code."""
+    """Run the live view on a pipe, by its descriptor, until that ends; return the exit code."""
     os.nice(_NICER)
     pipe = Connection(descriptor)
     try:

@@ -20,7 +20,7 @@ from power_workbench.views import maps
 
 
 def keep_note(folder: Path, text: str, recording: str) -> None:
-    """Add a note to the session's file, with the recording whose card has it, if any."""
+    """Append a note with its time and the recording, '' for none, to notes.yaml in the folder."""
     file = folder / 'notes.yaml'
     before = read_yaml(file, 'notes') if file.exists() else []
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec='milliseconds')
@@ -38,7 +38,7 @@ Action = Callable[
 
 @schema
 class Selection:
-    """A box on the map, a span of the traces or a regime; one of the three."""
+    """Content of `select`: a box on the map, a span of the traces, or a regime; one of them."""
 
     drive: _Text
     x: _Text
@@ -54,7 +54,7 @@ class Selection:
 
 @schema
 class HistoryPlace:
-    """A place in the history."""
+    """Content of `go`: number of steps that are to be in force."""
 
     at: Annotated[int, Quantity(0, 100_000)]
 
@@ -83,7 +83,7 @@ class OneModel:
 
 @schema
 class OneLog:
-    """A log of others; with a map it is imported, or shown as the map converts it."""
+    """Content of `log`: a log of others; with a map it is imported or, with preview, shown."""
 
     file: _Text
     map: dict[str, Any] | None = None
@@ -92,7 +92,7 @@ class OneLog:
 
 @schema
 class ShownSpans:
-    """Spans of the traces."""
+    """Content of `leave_out`: spans of the traces, s as they are shown."""
 
     spans: Annotated[tuple[tuple[_Seconds, _Seconds], ...], Length(0)]
 
@@ -105,7 +105,7 @@ class LiveNote:
 
 
 def take(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Take a step: open, load, fit, add, remove, effects."""
+    """Take a step, content being a `SessionStep`; InputError for files in folders not named."""
     step = parse(SessionStep, content, 'step')
     if step.model or step.rmse_w or step.sha256:
         raise InputError('step: model, rmse_w and sha256 are found by the session itself')
@@ -127,7 +127,7 @@ def _folders(manager: SessionManager, session: WorkbenchSession) -> Folders:
 
 
 def check_spec(manager: SessionManager, session: WorkbenchSession, spec: str) -> None:
-    """InputError for a model whose file is not in a folder that was named."""
+    """Raise InputError for a model whose file is not in a folder that was named."""
     if spec.endswith(('.yaml', '.yml')):
         _folders(manager, session).within(spec)
     elif spec.startswith('ppn:'):
@@ -135,14 +135,14 @@ def check_spec(manager: SessionManager, session: WorkbenchSession, spec: str) ->
 
 
 def go(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Undo, redo, or go to any place in the history."""
+    """Go to a place in the history, content being {at: number of steps in force}."""
     session.go(parse(HistoryPlace, content, 'place').at)
 
 
 def leave_out(
     manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
 ) -> None:
-    """Leave seconds, as they are shown, out of all judgement; without spans, take all in again."""
+    """Leave `spans`, s as they are shown, out of all judgement; with none, take all in again."""
     given, view = parse(ShownSpans, content, 'seconds'), answers.view_of(session)
     spans = [str(own) for one in given.spans for own in view.spans(*one)]
     opened = session.record.opened
@@ -164,30 +164,30 @@ def _of_model(request: str) -> Action:
 
 
 def record(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to record the proposed motion on the simulated bench."""
+    """Begin to record the proposed motion on the simulated bench, content being a `BenchDrive`."""
     given = parse(BenchDrive, content, 'bench')
     session.begin('bench', drive=given.drive, seconds=given.seconds)
 
 
 def line(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to judge another model beside the present one."""
+    """Begin to judge another model, {model: file or ppn:RUN}, beside the present one."""
     spec = parse(OneModel, content, 'line').model
     check_spec(manager, session, spec)
     session.line(spec)
 
 
 def cancel(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """End the work that runs."""
+    """Cancel the work that runs."""
     session.cancel()
 
 
 def allow(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Let a file of effects be run."""
+    """Let the file of effects {file: path} of the session be run."""
     session.approve(parse(Allowed, content, 'file').file)
 
 
 def log(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to look into a log, or to import it."""
+    """Begin to list a log's columns or, with a map, to import or preview it (`OneLog`)."""
     given = parse(OneLog, content, 'log')
     _folders(manager, session).within(given.file)
     if given.map is None:
@@ -199,7 +199,10 @@ def log(manager: SessionManager, session: WorkbenchSession, content: Mapping[str
 def note(
     manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Keep a note with its time: in the card of what is being recorded, and in the session."""
+    """Keep a note {text} with its time, in the card of what is being recorded and in the session.
+
+    Returns {recording: its folder, '' for none}. InputError for an empty text.
+    """
     text = parse(LiveNote, content, 'note').text.strip()
     if not text:
         raise InputError('the note is empty; say what happened')

@@ -32,7 +32,7 @@ _MOST_WIDE = 4000  # blocks of a trace
 
 
 def catalogue_content(catalogue: Catalogue) -> list[dict[str, Any]]:
-    """Effects that a model can have, in words."""
+    """Return the physical effects of a catalogue in words, as content of JSON."""
     return [
         {
             'name': effect.name,
@@ -46,7 +46,7 @@ def catalogue_content(catalogue: Catalogue) -> list[dict[str, Any]]:
 
 
 def families_content() -> list[dict[str, Any]]:
-    """Families of the parts of a budget, with their words and colours."""
+    """Return the families of the parts of a budget, with words, colour and effects of each."""
     return [
         {'name': name, 'words': words, 'color': color, 'effects': effects}
         for name, (words, color, effects) in FAMILIES.items()
@@ -54,7 +54,7 @@ def families_content() -> list[dict[str, Any]]:
 
 
 def state(session: WorkbenchSession) -> dict[str, Any]:
-    """All that the page shows but traces and maps."""
+    """Return all that the page shows of a session but traces and maps, as content of JSON."""
     record, view, job, found = session.record, session.view, session.runner.job, session.findings
     return {
         'revision': session.revision,
@@ -86,7 +86,7 @@ def state(session: WorkbenchSession) -> dict[str, Any]:
 
 
 def budget_state(session: WorkbenchSession) -> dict[str, Any]:
-    """Sentence of the budget, or its error, and its effects if chosen; empty until known."""
+    """Return headline and origin of the budget, or its error, as JSON; empty until it is known."""
     found = session.budget or {}
     told = {
         name: found[name] for name in ('headline', 'origin', 'error', 'first') if name in found
@@ -95,7 +95,7 @@ def budget_state(session: WorkbenchSession) -> dict[str, Any]:
 
 
 def coefficients_before(session: WorkbenchSession) -> dict[str, Any]:
-    """Coefficients that the last added or removed effects have changed, by effect and group."""
+    """Return {effect: {group: values}} before a last step `add` or `remove`; {} after others."""
     kinds = ('load', 'fit', 'add', 'remove')
     shaped = [step for step in session.record.done if step.kind in kinds]
     if len(shaped) < 2 or shaped[-1].kind not in ('add', 'remove') or not shaped[-2].model:
@@ -139,7 +139,7 @@ def _step(session: WorkbenchSession, record: SessionRecord, index: int) -> dict[
 
 
 def label(step: SessionStep) -> str:
-    """A step in a few words."""
+    """Return a step in a few words, as `add copper loss`."""
     words = ', '.join(in_words(name) for name in step.effects)
     if step.without:
         return f'leave out {", ".join(step.without)} s'
@@ -152,7 +152,7 @@ def label(step: SessionStep) -> str:
 
 
 def mean_of(errors: Mapping[str, float]) -> float | None:
-    """Root of the mean square over the meters, W."""
+    """Return the root of the mean square, W, of errors by meter; None for no errors."""
     return maps.short_one(over_meters(errors.values())) if errors else None
 
 
@@ -218,14 +218,14 @@ def _stride(view: PowerView) -> str:
 
 
 def view_of(session: WorkbenchSession) -> PowerView:
-    """The view of a session; InputError before there is one."""
+    """Return the view of a session; InputError before there is one."""
     if session.view is None:
         raise InputError('no recording is open yet')
     return session.view
 
 
 def column(view: PowerView, meter: str) -> int:
-    """Column of a meter or of the sum in traces; InputError for another name."""
+    """Return the column of a meter, or of the sum, in traces; InputError for another name."""
     if meter == SUM:
         return len(view.meters)
     if meter in view.meters:
@@ -236,7 +236,10 @@ def column(view: PowerView, meter: str) -> int:
 
 
 def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -> bytes:
-    """Extremes of measured, estimate and error of a meter from start to stop, in seconds."""
+    """Return packed extremes of measured, estimate and error of a meter, W, from start to stop, s.
+
+    width: pixels, of which each block has two. A header in JSON precedes the float32 arrays.
+    """
     own, window = column(view, meter), _window(view, start, stop)
     most = _most(width)
     spans = {name: p.span(*window, most) for name, p in view.traces.items()}
@@ -246,7 +249,10 @@ def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -
 def lit(
     view: PowerView, rows: maps.Mask, meter: str, start: float, stop: float, width: int
 ) -> dict[str, Singles]:
-    """Measured power and error of a meter at the chosen rows alone, as extremes."""
+    """Return measured power and error of a meter, W, at the marked rows [N] alone, as extremes.
+
+    start, stop: s as they are shown; width: pixels. Keys are lit_t (s), lit_measured, lit_error.
+    """
     own, window, most = column(view, meter), _window(view, start, stop), _most(width)
     chosen = np.zeros(view.length, bool)
     chosen[view.slots[rows]] = True
@@ -264,14 +270,17 @@ def lit(
 def selected(
     content: Mapping[str, Any], points: Mapping[str, Singles], lit: Mapping[str, Singles]
 ) -> bytes:
-    """Answer of a selection: what is said of it, its states on the map, its part of the traces."""
+    """Pack a selection: content as JSON header, points of the map, its part of the traces."""
     return _message({**points, **lit}, content)
 
 
 def preview(
     view: PowerView, explained: Singles, meter: str, start: float, stop: float, width: int
 ) -> bytes:
-    """Error of a meter that would be left with a candidate that explains W [N, M] of it."""
+    """Return the packed error of a meter, W, that would be left with a candidate, and its RMS.
+
+    explained: W [N, M] of the residual. InputError without a model or for another shape.
+    """
     if view.residual is None or explained.shape != view.residual.shape:
         raise InputError('there is no preview of this candidate')
     own, window = column(view, meter), _window(view, start, stop)
@@ -284,7 +293,10 @@ def preview(
 
 
 def strip(view: PowerView, width: int) -> dict[str, Any]:
-    """Rms error of every meter over the whole recording, of the power without a model."""
+    """Return the RMS error of each meter in `width` equal parts; of the power without a model.
+
+    Returns middles `t` in s, `meters`, and `z` in W by meter and part.
+    """
     values = view.measured if view.residual is None else view.residual
     count = int(np.clip(width, 20, 400))
     edges = np.linspace(0, view.length, count + 1)

@@ -33,7 +33,7 @@ _FRESH = {'Cache-Control': 'no-store'}
 
 
 def application(manager: SessionManager) -> Starlette:
-    """The routes of a workbench; every request passes a `PageGuard` before."""
+    """Return the web application of a workbench, to be put behind a `PageGuard`."""
     news = _News()
     manager.changed = news.tell
     stream = _News()

@@ -23,7 +23,7 @@ _FOLDERS = (Path('bags'),)
 
 @dataclass(frozen=True)
 class Opening:
-    """The workbench is opened with these."""
+    """Options with which the workbench is opened, as its command takes them."""
 
     bags: tuple[Path, ...] = ()
     model: str = ''
@@ -38,7 +38,7 @@ class Opening:
     browser: bool = False
 
     def manager(self) -> SessionManager:
-        """Sessions and folders, with the steps that a new session begins with."""
+        """Return a manager of sessions, with the steps that a new session begins with."""
         is_file = self.model.endswith(('.yaml', '.yml'))
         files = [Path(self.model)] if is_file else []
         if self.model.startswith('ppn:'):
@@ -74,7 +74,7 @@ def _is_recording(path: Path) -> bool:
 
 
 def serve(opening: Opening) -> int:
-    """Serve until Ctrl-C; InputError where the port is taken."""
+    """Serve until Ctrl-C and return the exit code; InputError where the port is taken."""
     token = opening.token or secrets.token_urlsafe(24)
     manager = opening.manager()
     with _listening(opening.host or _LOOPBACK, opening.port) as listener:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
-    """Content of a model for the page: effects in words, coefficients by drive type.
+    """Return a model's content for the page: effects in words, coefficients by drive type.
 
     Each coefficient has symbol, unit, value, 95 % interval, and the bound it stands at, if any. A
     model of another kind is the base, with no effects. InputError for a spec that cannot be
@@ -65,7 +65,7 @@ def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
 
 
 def described_shapes(outcome: 'DiscoveryOutcome') -> list[dict[str, Any]]:
-    """Learned shapes with their formulas, one of each effect and drive."""
+    """Return learned shapes, formulas and errors as JSON content, one per effect and drive."""
     from power_lab.report.discovery_page import (  # slow to import: plots
         formula_over_shape,
         standard_error,
@@ -94,7 +94,7 @@ def described_shapes(outcome: 'DiscoveryOutcome') -> list[dict[str, Any]]:
 
 
 def described_recording(recording: Recording) -> dict[str, Any]:
-    """Card, rates and quality of a recording."""
+    """Return card, rates (Hz), drives and quality findings of a recording as content of JSON."""
     quality, card = check_recording(recording), recording.card
     return {
         'path': str(recording.path),

@@ -31,11 +31,11 @@ class SessionJob:
 
     @property
     def seconds(self) -> float:
-        """Time that it has taken so far."""
+        """Time in s that it has taken, so far or until its end."""
         return (time.monotonic() if self.ended is None else self.ended) - self.started
 
     def content(self) -> dict[str, Any]:
-        """As the page gets it."""
+        """Return the job as content of JSON for the page."""
         return {
             'name': self.name,
             'stage': self.stage,
@@ -46,11 +46,11 @@ class SessionJob:
 
 
 class JobRunner:
-    """One worker process, one job at a time.
+    """Worker process of a session, which does one job at a time.
 
-    The listener is called in a thread of its own with (job, kind, content) for every message; a
-    cancelled job's messages are dropped with its process, and the next job starts a fresh one.
-    What is requested `beside` the jobs is told without one.
+    The listener is called in a separate thread with (job, kind, content) for every message, job
+    None for what was requested `beside` the jobs. A cancelled job's messages are dropped with its
+    process, and the next job starts a fresh one.
     """
 
     def __init__(self, listener: Callable[[SessionJob | None, str, Any], None]) -> None:
@@ -71,12 +71,12 @@ class JobRunner:
         return None if self._process is None else self._process.pid
 
     def warm(self) -> None:
-        """Start the process, so that its imports are done when work comes."""
+        """Start the worker process, so that its imports are done when the first job comes."""
         with self._lock:
             self._start()
 
     def run(self, name: str, request: str, arguments: Mapping[str, Any]) -> SessionJob:
-        """Begin a job; RuntimeError while another runs."""
+        """Begin a job that calls a method of `SessionWorker`; RuntimeError while one runs."""
         with self._lock:
             if self.busy:
                 raise RuntimeError('a job is running')
@@ -87,14 +87,14 @@ class JobRunner:
             return self.job
 
     def beside(self, request: str, arguments: Mapping[str, Any]) -> None:
-        """Request what the worker does while jobs run."""
+        """Call a method of `SessionWorker` that may run while a job does, without a job."""
         with self._lock:
             self._start()
             assert self._pipe is not None
             self._pipe.send((request, dict(arguments)))
 
     def cancel(self) -> None:
-        """End the job with its process; what it had loaded is loaded again by the next one."""
+        """End the running job with its process, and with what that had loaded."""
         with self._lock:
             job = self.job
             if job is None or job.state != 'running':

@@ -24,7 +24,7 @@ _MOST_AT_WORK = 4
 
 @dataclass
 class SessionManager:
-    """Everything that one server serves."""
+    """Sessions, folders and cache of one server; `changed` and `streamed` wake those who wait."""
 
     folder: Path  # of the sessions
     folders: Folders
@@ -38,7 +38,7 @@ class SessionManager:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def new(self) -> str:
-        """Begin a session, with the recordings and the model that the command named."""
+        """Begin a session in a new folder and return its name; InputError if it cannot be made."""
         with self._lock:
             now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
             name = f'{now}-{secrets.token_hex(2)}'
@@ -57,7 +57,7 @@ class SessionManager:
         return name
 
     def session(self, name: str) -> WorkbenchSession:
-        """A session at work, or one of an earlier run taken up again; InputError for none."""
+        """Return a session by name, taken up from its folder if need be; InputError for none."""
         with self._lock:
             if name in self.at_work:
                 session = self.at_work.pop(name)
@@ -71,7 +71,7 @@ class SessionManager:
         return session
 
     def sessions(self) -> list[dict[str, Any]]:
-        """Sessions with steps, the latest first."""
+        """Return name, steps, recordings and effects of the last 50 sessions, the latest first."""
         found = []
         for file in sorted(self.folder.glob(f'*/{FILE}'), reverse=True)[:50]:
             try:
@@ -97,7 +97,7 @@ class SessionManager:
         return found
 
     def end(self) -> None:
-        """Let all who wait for news go."""
+        """Wake all who wait for news, as the server ends."""
         self.ending = True
         self.changed()
         self.streamed()

@@ -33,21 +33,21 @@ _KINDS = ('<f4', '<f8', '<i4', '<i8', '|u1')
 
 
 class DamagedFileError(ValueError):
-    """A file of arrays that is torn, of another format, or not what its checksums say."""
+    """Error for a file of arrays that is torn, of another format, or fails its checksums."""
 
 
 @dataclass(frozen=True)
 class ArrayFile:
-    """Arrays by name, and what else is known of them as JSON."""
+    """Arrays by name and further content of JSON, `about`, to be kept in one file."""
 
     arrays: Mapping[str, NDArray[Any]]
     about: Mapping[str, Any]
 
     def write(self, path: Path) -> int:
-        """Write under a temporary name, then rename it to path; return its bytes.
+        """Write under a temporary name, then rename it to path; return the file's size in bytes.
 
-        OSError leaves nothing behind. It is not forced to the disk: a power cut may tear it,
-        which its checksums tell.
+        OSError leaves nothing behind; TypeError for arrays other than 32- and 64-bit numbers and
+        bytes. It is not forced to the disk: a power cut may tear it, which its checksums tell.
         """
         rows, place = {}, 0
         for name, values in self.arrays.items():
@@ -77,7 +77,7 @@ class ArrayFile:
 
     @classmethod
     def read(cls, path: Path) -> 'ArrayFile':
-        """Map a file; OSError where there is none, DamagedFileError for any other content."""
+        """Map a file into memory; OSError where there is none, DamagedFileError for another."""
         with path.open('rb') as file:
             start = file.read(len(_MAGIC) + 12)
             if len(start) < len(_MAGIC) + 12 or not start.startswith(_MAGIC):
@@ -134,7 +134,7 @@ class KeptOpening:
 
     @property
     def result(self) -> dict[str, Any]:
-        """As the worker answers `open`."""
+        """Result of the worker's request `open`: view, recordings and sha256."""
         return {
             'view': self.view,
             'recordings': list(self.recordings),
@@ -156,12 +156,12 @@ class OpenedCache:
 
     @classmethod
     def usual(cls) -> 'OpenedCache':
-        """The cache beside the index of recordings; none where no index is wanted."""
+        """Return the cache beside the index of recordings; without an index it keeps nothing."""
         index = usual_path()
         return cls(None if index is None else index.parent / FOLDER)
 
     def key(self, source: Source) -> str:
-        """Name of what is kept of recordings as they are now; '' where nothing can be."""
+        """Return the key of recordings as they are now on disk; '' where nothing can be kept."""
         if self._folder is None:
             return ''
         try:
@@ -179,21 +179,21 @@ class OpenedCache:
         return hashlib.sha256(f'{code_fingerprint(*_CODE)} {how}'.encode()).hexdigest()[:32]
 
     def opening(self, key: str) -> KeptOpening | None:
-        """The recordings without a model, None where they are not kept."""
+        """Return recordings without a model, None where they are not kept."""
         found = self._read(key, 'view')
         return None if found is None else _opening(found)
 
     def keep_opening(self, key: str, opening: KeptOpening) -> None:
-        """Keep recordings without a model, as far as the disk lets them be kept."""
+        """Keep recordings without a model, unless the disk has no room."""
         self._write(key, 'view', _of_opening(opening))
 
     def loaded(self, key: str) -> Loaded | None:
-        """Aligned signals that lie in a mapped file, None where they are not kept."""
+        """Return aligned signals, mapped from a file, None where they are not kept."""
         found = self._read(key, 'signals')
         return None if found is None else _loaded(found)
 
     def keep_loaded(self, key: str, loaded: Loaded, paths: Sequence[Path]) -> None:
-        """Keep aligned signals, as far as the disk lets them be kept."""
+        """Keep aligned signals of recordings at paths, unless the disk has no room."""
         self._write(key, 'signals', _of_loaded(loaded, paths))
 
     def _path(self, key: str, kind: str) -> Path | None:
@@ -302,7 +302,7 @@ def _of_loaded(loaded: Loaded, paths: Sequence[Path]) -> ArrayFile:
 
 
 class ReadAgain(Sequence[Recording]):
-    """Recordings that are read when somebody asks for one, each time anew."""
+    """Recordings at paths, each of which is read anew whenever it is indexed."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = tuple(paths)

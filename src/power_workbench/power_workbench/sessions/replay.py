@@ -24,7 +24,7 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """Equality of meters and errors with the session's, to TOLERANCE (of 1 W below that)."""
+        """True if meters and errors are the session's, to TOLERANCE (of 1 W below that)."""
         return self.before.keys() == self.now.keys() and all(
             abs(self.now[name] - value) <= TOLERANCE * max(abs(value), 1.0)
             for name, value in self.before.items()
@@ -34,9 +34,10 @@ class Replayed:
 def replay_steps(
     session: SessionRecord, folder: Path, output: Path, show: Callable[[str], None]
 ) -> list[Replayed]:
-    """Take the steps of a session that are in force again, and write their models into output.
+    """Take the steps of a session that are in force again; models are written into output.
 
-    InputError for recordings that are not those of the session, or are gone.
+    folder: of the session; show: is called with progress in words. Returns the steps that make a
+    model. InputError for recordings that are not those of the session, or are gone.
     """
     worker, taken = SessionWorker(), SessionRecord()
     found: list[Replayed] = []

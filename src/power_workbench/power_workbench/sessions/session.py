@@ -36,9 +36,10 @@ _WORK: Mapping[str, tuple[str, str, Mapping[str, tuple[str, str]]]] = {
 
 
 class WorkbenchSession:
-    """One tab's session in its folder.
+    """Session of one tab in its folder: its steps, and the worker that takes them.
 
-    Methods may be called from any thread. `changed` is called after every change of `revision`.
+    Methods may be called from any thread. `changed` is called after every change of `revision`,
+    `streamed` at messages of the live view. Results of begun work are in the properties later.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class WorkbenchSession:
 
     @property
     def source(self) -> Source:
-        """Recordings and effects; InputError before recordings are open."""
+        """Recordings and effects; InputError before they are open or for effects not allowed."""
         opened = self.record.opened
         if opened is None:
             raise InputError('no recording is open; choose one first')
@@ -86,17 +87,17 @@ class WorkbenchSession:
 
     @property
     def spec(self) -> str:
-        """The present model."""
+        """Present model as commands take it: a file, ppn:RUN or a proxy; '' without one."""
         return self.record.spec(self.folder)
 
     @property
     def view(self) -> PowerView | None:
-        """The present model on the recordings, or what is known of it so far."""
+        """View of the present model, or of what is read so far; None at first."""
         return self._seen.views.get(self._key(), self._partial)
 
     @property
     def findings(self) -> Findings | None:
-        """The diagnosis of the present model."""
+        """Diagnosis of the present model, None until there is one."""
         return self._seen.found.get(self._key())
 
     @property
@@ -106,12 +107,12 @@ class WorkbenchSession:
 
     @property
     def learned(self) -> Mapping[str, Any] | None:
-        """Result of `discover` on top of the present model."""
+        """Result of `discover` on top of the present model, None until there is one."""
         return self._seen.learned.get(self._key())
 
     @property
     def lines(self) -> list[Mapping[str, Any]]:
-        """Other models on the same recordings: name and held-out error."""
+        """Other models judged on the same recordings: {name, rmse_w} of each."""
         key = self._key()
         return self._seen.lines.get(key[0], []) if key else []
 
@@ -122,7 +123,7 @@ class WorkbenchSession:
         return sorted(file.parent for file in found)
 
     def fresh(self, kind: str, suffix: str) -> Path:
-        """A path in the session's folder that is not there yet."""
+        """Return a path KIND_N + suffix in the session's folder that is not there yet."""
         number = 1
         while (self.folder / f'{kind}_{number}{suffix}').exists():
             number += 1
@@ -135,7 +136,7 @@ class WorkbenchSession:
         return Source.of(opened, self.record.effect_files), self.spec
 
     def take(self, *steps: SessionStep) -> None:
-        """Take steps one after the other; InputError while other work runs."""
+        """Begin to take steps one after the other; InputError while other work runs."""
         with self._lock:
             self._require_idle()
             if steps[0].kind not in ('open', 'effects'):
@@ -144,7 +145,7 @@ class WorkbenchSession:
             self._next()
 
     def go(self, at: int) -> None:
-        """Go to a place in the history; InputError while work runs."""
+        """Go to just after step `at` of the history, 0 for before all; InputError at work."""
         with self._lock:
             self._require_idle()
             record = self.record.go(at)
@@ -154,13 +155,13 @@ class WorkbenchSession:
             self._bump()
 
     def resume(self) -> None:
-        """Show what the session's file says."""
+        """Begin to judge the present model of the session's file."""
         with self._lock:
             self._refresh()
             self._bump()
 
     def approve(self, file: str) -> None:
-        """Let a file of effects of this session be run from now on."""
+        """Let a file of effects of this session be run from now on; InputError for others."""
         with self._lock:
             if file not in {step.file for step in self.record.steps if step.kind == 'effects'}:
                 raise InputError(f'the session has no effects of {file!r}')
@@ -169,7 +170,7 @@ class WorkbenchSession:
             self._bump()
 
     def begin(self, request: str, **given: Any) -> None:
-        """Begin work on the present model; InputError without one."""
+        """Begin `diagnose`, `discover`, `report` or `bench`; InputError without a model."""
         key, (name, kept, files) = self.judged, _WORK[request]
         made = {argument: self.fresh(*file) for argument, file in files.items()}
 
@@ -180,7 +181,7 @@ class WorkbenchSession:
         self.start(name, request, {'source': key[0], 'spec': key[1], **made, **given}, keep)
 
     def look_at_log(self, file: str) -> None:
-        """Begin to look into a log of others."""
+        """Begin to list the columns of a log of others; the result is in `log`."""
 
         def keep(found: Mapping[str, Any]) -> None:
             self.log = {**found, 'turn': self.revision}
@@ -188,7 +189,7 @@ class WorkbenchSession:
         self.start('Reading the log', 'look_at_log', {'file': file}, keep)
 
     def import_log(self, file: str, content: Mapping[str, Any], *, only_look: bool) -> None:
-        """Begin to import a log by a map, or to show what the import would give."""
+        """Begin to import a log by the map `content`; only_look: show what it would give."""
         given: dict[str, Any] = {'file': file, 'content': content}
         if not only_look:
             number = self.fresh('recording', '').name.rpartition('_')[2]
@@ -205,7 +206,7 @@ class WorkbenchSession:
         self.start(name, 'preview_log' if only_look else 'import_log', given, keep)
 
     def line(self, spec: str) -> None:
-        """Begin to judge another model on the recordings."""
+        """Begin to judge another model on the recordings; its errors are in `lines`."""
         source = self.source
 
         def keep(found: Mapping[str, Any]) -> None:
@@ -224,7 +225,7 @@ class WorkbenchSession:
     def start(
         self, name: str, request: str, arguments: Mapping[str, Any], keep: Callable[[Any], None]
     ) -> None:
-        """Begin work that is no step; keep is told the result. InputError while work runs."""
+        """Begin a request that is no step; keep gets the result. InputError while work runs."""
         with self._lock:
             self._require_idle()
             self.error, self._task = '', keep
@@ -232,7 +233,7 @@ class WorkbenchSession:
             self._bump()
 
     def cancel(self) -> None:
-        """End the work that runs, and drop what waits."""
+        """Cancel the work that runs, and drop the steps that wait."""
         self._waiting.clear()
         self.runner.cancel()
 

@@ -33,13 +33,13 @@ class Source:
 
     @classmethod
     def of(cls, opened: SessionStep, effect_files: Sequence[str] = ()) -> 'Source':
-        """Recordings of a step `open`."""
+        """Return the recordings of a step `open`."""
         how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.without)
         return cls(*how, opened.sha256, tuple(effect_files))
 
     @property
     def unchecked(self) -> 'Source':
-        """The same recordings, whatever effects may be run."""
+        """The same recordings without hashes and files of effects, for comparison."""
         return replace(self, sha256=(), effect_files=())
 
     @property
@@ -48,7 +48,7 @@ class Source:
         return replace(self, without=())
 
     def catalogue(self) -> Catalogue:
-        """Shipped effects and the user's own."""
+        """Return the shipped effects and those of effect_files, which are run."""
         return load_catalogue([Path(file) for file in self.effect_files])
 
 
@@ -68,14 +68,14 @@ class SeenModels:
     lines: dict[Source, list[Mapping[str, Any]]] = field(default_factory=dict)
 
     def keep(self, key: Key, view: PowerView) -> None:
-        """Keep a view as the latest; the eldest gives way."""
+        """Keep a view as the latest; the eldest of four gives way."""
         self.views.pop(key, None)
         while len(self.views) >= _KEPT:
             self.views.pop(next(iter(self.views)))
         self.views[key] = view
 
     def keep_budget(self, key: Key, budget: Mapping[str, Any]) -> None:
-        """Keep a budget as the latest; the eldest gives way, and no first look to a whole one."""
+        """Keep a budget as the latest, unless it is a first look and a whole one is known."""
         known = self.budgets.pop(key, None)
         if known is not None and budget.get('first') and not known.get('first'):
             budget = known
@@ -84,12 +84,12 @@ class SeenModels:
         self.budgets[key] = budget
 
     def keep_line(self, source: Source, line: Mapping[str, Any]) -> None:
-        """Keep a line (name and error of another model), in place of a former of that name."""
+        """Keep name and error of another model, in place of a former entry of that name."""
         others = [one for one in self.lines.get(source, []) if one['name'] != line['name']]
         self.lines[source] = [*others, line]
 
     def carry(self, before: Key | None, key: Key | None) -> None:
-        """Keep what is known of a model: effects that may be run do not change it."""
+        """Keep under `key` what is known of the model under `before`, if both are given."""
         if before is None or key is None:
             return
         if before in self.views:

@@ -58,7 +58,7 @@ class SessionStep:
             raise InputError(f'model {self.model!r}: give the name of a file beside the session')
 
     def content(self) -> dict[str, Any]:
-        """As the session's file holds it: what differs from the defaults."""
+        """Return the step as the session's file holds it: what differs from the defaults."""
         out: dict[str, Any] = {}
         for own in fields(self):  # type: ignore[arg-type]
             value = getattr(self, own.name)
@@ -69,7 +69,7 @@ class SessionStep:
 
 @schema
 class SessionRecord:
-    """Steps in their order; those from `at` on were undone and can be done again."""
+    """Steps in their order, of which the first `at` are in force; the others were undone."""
 
     format: Literal['workbench_session/1'] = FORMAT
     steps: Annotated[tuple[SessionStep, ...], Length(0)] = ()
@@ -86,17 +86,17 @@ class SessionRecord:
 
     @property
     def opened(self) -> SessionStep | None:
-        """The step that named the recordings."""
+        """Last step in force that named recordings, None without one."""
         return next((step for step in reversed(self.done) if step.kind == 'open'), None)
 
     @property
     def shaped(self) -> SessionStep | None:
-        """The step that the present model is from."""
+        """Last step in force that made or loaded a model, None without one."""
         kinds = ('load', 'fit', 'add', 'remove')
         return next((step for step in reversed(self.done) if step.kind in kinds), None)
 
     def spec(self, folder: Path) -> str:
-        """The present model as commands take it: a file, ppn:RUN, a proxy; '' without one."""
+        """Return the present model as commands take it: file, ppn:RUN, proxy; '' without one."""
         step = self.shaped
         if step is None:
             return ''
@@ -104,21 +104,21 @@ class SessionRecord:
 
     @property
     def effect_files(self) -> tuple[str, ...]:
-        """Files of the user's own effects."""
+        """Files of the user's own effects, of the steps in force."""
         return tuple(dict.fromkeys(step.file for step in self.done if step.kind == 'effects'))
 
     def do(self, step: SessionStep) -> 'SessionRecord':
-        """Take a step; what was undone is forgotten."""
+        """Return the record with one more step in force; undone steps are dropped."""
         return replace(self, steps=(*self.done, step), at=self.at + 1)
 
     def go(self, at: int) -> 'SessionRecord':
-        """Go to just after a step of the history; InputError for a step that is not there."""
+        """Return the record with the first `at` steps in force; InputError if there are fewer."""
         if not 0 <= at <= len(self.steps):
             raise InputError(f'the history has {len(self.steps)} steps, not {at}')
         return replace(self, at=at)
 
     def judged(self, errors: Mapping[str, float]) -> 'SessionRecord':
-        """Keep the held-out errors in W with the last step."""
+        """Return the record with held-out errors, W by meter, at the last step in force."""
         if not self.at:
             return self
         steps = list(self.steps)
@@ -126,7 +126,7 @@ class SessionRecord:
         return replace(self, steps=tuple(steps))
 
     def next_model(self) -> str:
-        """Name of a model file that no step has written."""
+        """Return a name for a model file that no step has written."""
         used = {step.model for step in self.steps}
         number = len(self.steps)
         while f'model_{number}.yaml' in used or not number:
@@ -150,19 +150,19 @@ class SessionRecord:
 
 
 def shown_path(path: str | Path) -> str:
-    """A path as one would type it: relative where it lies below the present folder."""
+    """Return a path as one would type it: relative where it lies below the present folder."""
     text = os.path.relpath(path)
     return str(path) if text.startswith('..') else text
 
 
 class Commands:
-    """Commands of a session in its folder."""
+    """Shell commands that do what the steps of a session in a folder did."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def of(self, record: SessionRecord, index: int) -> str:
-        """The command of a step of the history."""
+        """Return the command of step `index` of the history; '' for none."""
         before, step = record.go(index), record.steps[index]
         opened, spec = before.opened, before.spec(self._folder)
         output = self._folder / step.model
@@ -189,24 +189,24 @@ class Commands:
         return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
 
     def compare(self, record: SessionRecord, spec: str = '') -> str:
-        """The command that judges the present model."""
+        """Return the command that judges a model, the present one by default."""
         model = spec or self._spec(record.spec(self._folder))
         return self._power_lab(record, ['compare', *self._bags(record), '--models', model])
 
     def budget(self, record: SessionRecord) -> str:
-        """The command that accounts for the power."""
+        """Return the command that accounts for the power."""
         spec = record.spec(self._folder)
         model = ['--model', self._spec(spec)] if spec.endswith(('.yaml', '.yml')) else []
         return self._power_lab(record, ['budget', *self._bags(record), *model])
 
     def diagnose(self, record: SessionRecord, *more: str) -> str:
-        """The command that finds out which effect the present model misses."""
+        """Return the command that finds the effect missing in the model; more: its last words."""
         model = self._spec(record.spec(self._folder))
         words = ['diagnose', *self._bags(record), '--model', model, *more]
         return self._power_lab(record, words)
 
     def discover(self, record: SessionRecord, output: str) -> str:
-        """The command that learns what no catalogue has."""
+        """Return the command that learns effects in no catalogue, and writes them to output."""
         model = self._spec(record.spec(self._folder))
         words = ['discover', *self._bags(record), '--model', model, '-o', shown_path(output)]
         return self._power_lab(record, words)
@@ -214,7 +214,7 @@ class Commands:
     def imported(
         self, file: str, content: object, map_file: Path = Path(), output: Path = Path()
     ) -> str:
-        """The command that imports a log; without files, the one that shows its columns."""
+        """Return the command that imports a log; without output, that which lists its columns."""
         words = [shown_path(file)]
         if output == Path():
             return _joined('power_recordings import', [*words, '--list'])
@@ -240,7 +240,7 @@ class Commands:
 
 
 def effects_before(record: SessionRecord) -> list[str]:
-    """Effects that the steps of a session have put into the present model, where these tell."""
+    """Return the effects that the steps in force have put into the model, if these tell."""
     names: list[str] = []
     for step in record.done:
         if step.kind == 'fit':

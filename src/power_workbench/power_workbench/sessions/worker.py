@@ -48,7 +48,12 @@ _PREVIEWED = 10  # candidates, the most probable ones
 
 
 class SessionWorker:
-    """Keeps the recordings that were loaded last, and the outcome of the last diagnosis."""
+    """Work of a session: each public method is a request that the worker process serves.
+
+    The recordings loaded last and the outcome of the last diagnosis are kept. `show` takes a kind
+    of message, `progress` or `view`, and its content. `spec` is a model as commands take it, ''
+    for none. InputError is for what the user can correct.
+    """
 
     def __init__(self, cache: OpenedCache | None = None) -> None:
         """cache: of what was read before; None reads everything anew."""
@@ -64,7 +69,7 @@ class SessionWorker:
         import power_lab.diagnose.outcome  # noqa: F401  slow to import
 
     def open(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
-        """Read recordings; views as they come, then what is known of the recordings."""
+        """Read recordings, showing views as they come; return view, recordings and sha256."""
         key = self._cache.key(source)
         kept = self._cache.opening(key)
         if kept is None:
@@ -111,12 +116,12 @@ class SessionWorker:
         self._loaded = self._cache.loaded(key) or self._loaded
 
     def effects(self, show: Show, files: Sequence[str]) -> dict[str, Any]:
-        """Check that files of effects can be run; return nothing that is shown."""
+        """Check that files of effects can be run; return an empty result, InputError if not."""
         load_catalogue([Path(file) for file in files])
         return {}
 
     def judge(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
-        """The present model on the recordings."""
+        """Return {view} of the model on the recordings, or of the measurement without one."""
         loaded = self._load(show, source)
         if not spec:
             return {'view': self._measured(loaded)}
@@ -125,7 +130,10 @@ class SessionWorker:
     def shape(
         self, show: Show, source: Source, spec: str, step: SessionStep, output: Path
     ) -> dict[str, Any]:
-        """Make the model of a step (load, fit, add, remove) at output, and judge it."""
+        """Make the model of a step (load, fit, add, remove) at output, and judge it.
+
+        Returns {view, model: the file's name, '' where none was written}.
+        """
         catalogue = source.catalogue()
         loaded = self._load(show, source)
         if step.kind == 'load':
@@ -140,7 +148,7 @@ class SessionWorker:
         return {'view': self._judged(show, source, loaded, str(output)), 'model': output.name}
 
     def diagnose(self, show: Show, source: Source, spec: str, seed: int = 0) -> Findings:
-        """Return which effect the present model misses."""
+        """Find the effect that the model misses; seed: of the random draws."""
         outcome = self._diagnosed(show, source, spec, seed)
         content = outcome.json()
         content['kind'] = verdict_in_words(outcome.verdict, len(content['effects']))
@@ -191,7 +199,7 @@ class SessionWorker:
             tell({'error': f'{type(error).__name__}: {error}'})
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
-        """Write the page of the diagnosis; return its name."""
+        """Write the diagnosis as an HTML page to output; return its name."""
         outcome = self._diagnosed(show, source, spec)
         show('progress', 'writing the report')
         from power_lab.report.page import write_diagnosis  # slow to import: plots
@@ -202,7 +210,7 @@ class SessionWorker:
     def discover(
         self, show: Show, source: Source, spec: str, output: Path, seed: int = 0
     ) -> dict[str, Any]:
-        """Learn what no catalogue has; its effects are written to output, which is not run."""
+        """Learn effects that no catalogue has, write them to output, and return JSON content."""
         lab = self._lab(show, source).load(spec)
         outcome = lab.discover(show=lambda text: show('progress', text), seed=seed)
         if outcome.written:
@@ -224,7 +232,10 @@ class SessionWorker:
         motion: Path,
         output: Path,
     ) -> str:
-        """Record the proposed motion on the simulated bench; return the recording's path."""
+        """Record the proposed motion of a drive on the simulated bench; return the path.
+
+        seconds: to which the motion is cut; motion, output: files to write.
+        """
         from power_lab.challenge.challenge import SEALED  # slow to import: the simulator
 
         outcome = self._diagnosed(show, source, spec)
@@ -239,19 +250,19 @@ class SessionWorker:
         return str(output)
 
     def look_at_log(self, show: Show, file: str) -> dict[str, Any]:
-        """Return the columns of a log, and a guessed map."""
+        """Return the columns of a log and a guessed map, as `logs.look`."""
         return logs.look(show, file)
 
     def preview_log(self, show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the signals that a map gives."""
+        """Return the signals that a map gives, as `logs.preview`."""
         return logs.preview(show, file, content)
 
     def import_log(self, show: Show, **given: Any) -> dict[str, Any]:
-        """Make a log a recording."""
+        """Import a log as a recording, as `logs.bring_in`."""
         return logs.bring_in(show, **given)
 
     def line(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
-        """Another model on the same recordings, as a line beside the staircase."""
+        """Return name and held-out RMS error in W of another model on the recordings."""
         catalogue = source.catalogue()
         loaded = self._load(show, source)
         show('progress', 'comparing the other model')

@@ -18,7 +18,7 @@ _MOST_MESSAGES = 300_000  # of a file whose chunks have no index
 
 
 def coarse_view(paths: Sequence[str], drives: Sequence[str]) -> PowerView | None:
-    """Measured power of evenly spaced chunks of recordings, in rows of 20 ms as measured.
+    """Return the measured power of evenly spaced chunks of recordings, in rows of 20 ms.
 
     None for recordings that are read soon enough, whose chunks cannot be left out (SQLite), or
     that cannot be read, which reading all of them tells in words.

@@ -28,21 +28,21 @@ _MODULI = {'torque': 'torque', 'speed': 'velocity'}
 
 @dataclass(frozen=True)
 class Chosen:
-    """Rows that a range chooses of one drive, with the error inside and outside."""
+    """Rows of one drive that a range chooses; content: errors inside and outside, for the page."""
 
     rows: Mask  # [N]
     content: Mapping[str, Any]
 
 
 def state_column(view: PowerView, drive: str) -> int:
-    """Column of a drive; InputError, with the names there are, for another."""
+    """Return the column of a drive in the state; InputError, with the known names, for another."""
     if drive not in view.drives:
         raise InputError(f'no drive {drive!r}; there are {", ".join(view.drives)}')
     return view.drives.index(drive)
 
 
 def values_of(view: PowerView, name: str, drive: str) -> Singles:
-    """One quantity of the state of a drive [N]; InputError for a quantity that is not there."""
+    """Return a quantity of a drive's state [N]; InputError for a quantity that is not there."""
     if name == STRIDE and view.stride.phase is not None:
         state_column(view, drive)
         return view.stride.phase
@@ -53,7 +53,7 @@ def values_of(view: PowerView, name: str, drive: str) -> Singles:
 
 
 def error_of(view: PowerView, drive: str) -> Singles:
-    """Error (estimate − measured) beside a drive's state, W [N]; NaN without a model."""
+    """Return a drive's error (estimate − measured) W [N], or the robot's; NaN without a model."""
     column = state_column(view, drive)
     if view.residual is None:
         return np.full(len(view.slots), np.nan, np.float32)
@@ -61,11 +61,11 @@ def error_of(view: PowerView, drive: str) -> Singles:
 
 
 def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
-    """Error of a drive over two quantities, and over the first alone.
+    """Return the error of a drive over the quantities x and y, and over x alone.
 
-    Cells with fewer than three rows, or under 1/2000 of all, are empty. Returns their middles, and
-    as [y][x] the `mean` and `rms` of the error in W and the `seconds`; `limits` of the colours in
-    W, which hold 97 % of the time; `curve`: middle, mean, rms and seconds of ranges of x.
+    Cells with fewer than three rows, or under 1/2000 of all, are empty. Keys are middles `x` and
+    `y`; as [y][x] `mean` and `rms` of the error in W and `seconds`; `limits` of the colours in W,
+    for 97 % of the time. `curve` has middle, mean, rms and seconds of ranges of x.
     """
     across, up, error = values_of(view, x, drive), values_of(view, y, drive), error_of(view, drive)
     good = np.isfinite(across) & np.isfinite(up) & np.isfinite(error)
@@ -100,7 +100,7 @@ def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
 
 
 def in_box(view: PowerView, drive: str, bounds: Mapping[str, Sequence[float]]) -> Chosen:
-    """Rows whose state lies within bounds {quantity: (low, high)}."""
+    """Choose the rows whose state lies within bounds {quantity: (low, high)}."""
     rows = np.ones(len(view.slots), bool)
     for name, limits in bounds.items():
         low, high = _limits(name, limits)
@@ -110,7 +110,7 @@ def in_box(view: PowerView, drive: str, bounds: Mapping[str, Sequence[float]]) -
 
 
 def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
-    """Rows of a regime as `compare` writes it."""
+    """Choose the rows of a regime: drive, conditions and bounds as `compare --json` has them."""
     drive = str(regime['drive'])
     conditions = list(regime['conditions'])
     rows = np.ones(len(view.slots), bool)
@@ -139,14 +139,14 @@ def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
 
 
 def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
-    """Rows from start to stop, in seconds as they are shown."""
+    """Choose the rows from start to stop, in seconds as they are shown."""
     time = view.slots / REDUCED_RATE
     rows = (time >= min(start, stop)) & (time <= max(start, stop))
     return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
 
 
 def scatter_points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
-    """States of chosen rows on a map of two quantities, evenly thinned out."""
+    """Return quantities x and y of the marked rows [N], evenly thinned out to 1500 at most."""
     found = np.flatnonzero(rows)
     found = found[:: max(1, -(-len(found) // _SHOWN))]
     return {
@@ -222,10 +222,10 @@ def _middles(edges: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rounded(values: Sequence[float] | NDArray[np.floating[Any]]) -> list[float | None]:
-    """Values with five digits, None for what is not finite."""
+    """Return values with five significant digits, None for what is not finite."""
     return [short_one(float(value)) for value in values]
 
 
 def short_one(value: float) -> float | None:
-    """Return a value with five digits, None if it is not finite."""
+    """Return a value with five significant digits, None if it is not finite."""
     return float(f'{value:.5g}') if np.isfinite(value) else None

@@ -20,9 +20,10 @@ _STRETCH, _WORSE, _MOST = 1.0, 3.0, 3  # s, times the usual error, stretches tha
 
 
 def moments(view: PowerView, drive: str) -> dict[str, Any]:
-    """Sentence on the spikes of a drive's error, and stretches [(start, stop, words)] in s.
+    """Return a sentence on the `spikes` of a drive's error, and `stretches` of large error.
 
-    Empty where the error is spread evenly, or without a model.
+    Stretches have start and stop in s and words. Both are empty where the error is spread evenly,
+    or without a model.
     """
     error = maps.error_of(view, drive).astype(np.float64)
     known = np.isfinite(error)

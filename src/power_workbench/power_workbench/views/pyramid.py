@@ -29,7 +29,7 @@ class Span:
 
 
 class Pyramid:
-    """Signals of M columns on evenly spaced slots, with their extremes at every level."""
+    """Signals of M columns on evenly spaced slots, with their extremes in blocks of many sizes."""
 
     def __init__(self, values: Singles) -> None:
         """values: [N, M], NaN where nothing is known."""
@@ -40,11 +40,11 @@ class Pyramid:
 
     @property
     def length(self) -> int:
-        """Slots."""
+        """Number of slots N."""
         return len(self._levels[0][0])
 
     def span(self, start: int, stop: int, most: int) -> Span:
-        """Extremes from start to stop in about `most` blocks, at most twice as many.
+        """Return extremes from slot start to stop in about `most` blocks, at most twice as many.
 
         What is drawn of them is what would be drawn of all samples, whatever the span.
         """
@@ -64,7 +64,7 @@ class Pyramid:
 
 
 def masked(values: Singles, rows: NDArray[np.bool_], start: int, stop: int, most: int) -> Span:
-    """Extremes [K, M] of the chosen slots [N] alone, in at most `most` blocks."""
+    """Return extremes of the marked slots [N] from start to stop, in `most` blocks at most."""
     start, stop = max(0, start), max(max(0, start), min(len(values), stop))
     part = np.where(rows[start:stop, None], values[start:stop], np.float32(np.nan))
     step = max(1, -(-(stop - start) // max(1, most)))

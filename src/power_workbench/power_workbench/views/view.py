@@ -27,7 +27,7 @@ _FEWEST = 5  # periods
 
 @dataclass(frozen=True)
 class StridePhase:
-    """Phase from 0 to 1 of each row [N], NaN where nothing strides; or the reason for none."""
+    """Phase of each row in the stride, 0 to 1, NaN where nothing strides; or why there is none."""
 
     phase: Singles | None
     period: float  # s
@@ -101,14 +101,14 @@ BETWEEN = 2.0
 
 @dataclass(frozen=True)
 class StateWords:
-    """A word for each row and drive, as its place in a few texts."""
+    """Word for each row and drive, kept as the index into the few texts that occur."""
 
     texts: tuple[str, ...]
     places: NDArray[np.int32] | NDArray[np.uint8]  # [N, D]
 
     @classmethod
     def of(cls, words: NDArray[np.str_]) -> 'StateWords':
-        """Find the texts of words [N, D]."""
+        """Index words [N, D] by the texts that occur."""
         texts: list[str] = []
         places = np.full(words.shape, -1, np.int32)
         while (places < 0).any():
@@ -117,7 +117,7 @@ class StateWords:
         return cls(tuple(texts), places.astype(np.uint8) if len(texts) < 256 else places)
 
     def rows(self, text: str, column: int) -> NDArray[np.bool_]:
-        """Mark the rows [N] of a drive that have a word."""
+        """Mark the rows [N] of a drive, by its column, that have the word `text`."""
         if text not in self.texts:
             return np.zeros(len(self.places), bool)
         return np.asarray(self.places[:, column] == self.texts.index(text))
@@ -151,11 +151,11 @@ class PowerView:
 
     @property
     def length(self) -> int:
-        """Slots from the first to the last row."""
+        """Number of slots from the first to the last row."""
         return int(self.slots[-1]) + 1 if len(self.slots) else 0
 
     def spans(self, start: float, stop: float) -> list[LeftOut]:
-        """Parts of the recordings that are shown from start to stop [s]."""
+        """Return the parts of the recordings that are shown from start to stop, s."""
         seconds, found = self.slots / REDUCED_RATE, []
         for number in range(len(self.recordings)):
             own = (self.recording == number) & (seconds >= start) & (seconds < stop)
@@ -166,7 +166,7 @@ class PowerView:
 
     @property
     def hidden(self) -> list[tuple[float, float]]:
-        """Seconds, as they are shown, between which the recordings are left out."""
+        """Spans (start, stop), s as they are shown, in which the recordings are left out."""
         found = []
         for span in self.left_out:
             own = (self.recording == span.recording) & (self.time >= span.start)
@@ -178,18 +178,18 @@ class PowerView:
 
     @property
     def seconds(self) -> float:
-        """Length as it is shown."""
+        """Length as it is shown, s."""
         return self.length / REDUCED_RATE
 
     def spread(self, values: Singles) -> Singles:
-        """Values of the rows [N, …] on their slots, NaN in the gaps."""
+        """Return values of the rows [N, …] on their slots [length, …], NaN in the gaps."""
         out = np.full((self.length, *values.shape[1:]), np.nan, np.float32)
         out[self.slots] = values
         return out
 
     @cached_property
     def traces(self) -> Mapping[str, Pyramid]:
-        """Measured, estimate and error (estimate − measured) by meter, the sum as last column."""
+        """Measured, estimate, error (estimate − measured): W by meter, the sum as last column."""
         out = {'measured': self.measured}
         if self.residual is not None:
             out |= {'estimate': self.measured - self.residual, 'error': -self.residual}
@@ -197,7 +197,7 @@ class PowerView:
 
     @cached_property
     def worst(self) -> tuple[float, float]:
-        """Seconds between which the drives together fail most, or draw most without a model."""
+        """Span (start, stop), s as shown, of the largest error, without a model of most power."""
         if self.share < 1.0:
             return 0.0, self.seconds
         values = self.measured if self.residual is None else self.residual
@@ -207,20 +207,20 @@ class PowerView:
 
     @cached_property
     def stride(self) -> StridePhase:
-        """Phase of the motion, where it repeats itself."""
+        """Phase of the motion, or the reason why it does not repeat itself."""
         if 'position' not in self.state:
             return StridePhase(None, 0.0, 0, 'there is no position')
         return stride_phase(self.state['position'], self.slots)
 
 
 def with_sum(values: Singles) -> Singles:
-    """Values [N, M] with their sum as a last column, NaN where one of them is."""
+    """Return values [N, M] with their sum as a last column, NaN where one of them is."""
     total = values.sum(axis=1, keepdims=True, dtype=np.float32)
     return np.concatenate([values, total], axis=1)
 
 
 def slots_of(prepared: Prepared) -> NDArray[np.int64]:
-    """Slot of each row: recordings one after another, long gaps shortened to a minute."""
+    """Return the slot [N] of each row: recordings in turn, long gaps shortened to a minute."""
     step = np.diff(prepared.time, prepend=prepared.time[:1])
     another = np.diff(prepared.recording, prepend=prepared.recording[:1]) != 0
     step = np.where(another, BETWEEN, np.clip(step, 0.0, _LONGEST_GAP))
@@ -231,13 +231,13 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
 
 
 def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
-    """Recordings without a model."""
+    """Return the view of recordings without a model."""
     state, words = describe_state(prepared, loaded)
     return _view(prepared, loaded, prepared.power_at(0.0), None, state, words, {}, None)
 
 
 def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]) -> PowerView:
-    """Return the first model of a comparison; model: its effects and coefficients in words."""
+    """Return the view of a comparison's first model; model: its content in words."""
     judged, content = comparison.models[0], comparison.json()
     shown = {
         **content['models'][0],

@@ -14,7 +14,7 @@ _ADDRESS: Final = re.compile(r'(tcp|tls)://[^/\s]+:[0-9]{1,5}')
 
 @dataclass(frozen=True)
 class Workplace:
-    """Number of processes on this machine, one to a core if None, or address of a scheduler.
+    """Processes of this machine, one to a core if `workers` is None, or address of a scheduler.
 
     InputError for a number outside 1..256, for an address that is none, and for both.
     """
@@ -36,19 +36,19 @@ class Workplace:
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Self:
-        """Return the workplace given by `add_workplace`'s arguments."""
+        """Return the workplace of options that a parser with `add_workplace` has parsed."""
         return cls(options.workers, options.scheduler if 'scheduler' in options else '')
 
     def processes(self, tasks: int) -> int:
-        """Return the number of processes of this machine for a number of tasks."""
+        """Return the number of processes of this machine for so many tasks, at least 1."""
         cores = len(os.sched_getaffinity(0))
         return max(min(cores if self.workers is None else self.workers, tasks), 1)
 
 
 def add_workplace(parser: argparse.ArgumentParser, tasks: str, *, scheduler: bool = True) -> None:
-    """Add the arguments; tasks: plural noun for the units of work.
+    """Add `--workers` and, unless scheduler is false, `--scheduler` to a parser.
 
-    scheduler: offers `--scheduler`, for workers on other machines.
+    tasks: plural noun for the units of work, in the help.
     """
     parser.add_argument(
         '--workers', type=int, metavar='N', help=f'{tasks} at a time, one to a core if absent'

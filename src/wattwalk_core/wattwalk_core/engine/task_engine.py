@@ -73,7 +73,7 @@ class TaskEngine:
         place: Workplace | None = None,
         say: Callable[[str], None] = lambda line: print(line, file=sys.stderr),
     ) -> None:
-        """Prepare; `say` is called with the address of a cluster's dashboard."""
+        """place: None for one process to a core; say: called with the dashboard's address."""
         self.place = place or Workplace()
         self._say = say
         self._open = ExitStack()
@@ -97,7 +97,7 @@ class TaskEngine:
     def completed(
         self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the place and result of each item as its task ends.
+        """Yield (index of the item, result of the function) of each item as its task ends.
 
         code: packages or modules that must be the same on the workers of a scheduler, by default
         the function's package. A task's error is raised here, and the others are cancelled.
@@ -109,7 +109,7 @@ class TaskEngine:
     def in_order(
         self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
     ) -> Iterator[Result]:
-        """Yield the results in the order of the items, each when those before it are there.
+        """Yield the function's results in the order of the items, each once those before it are.
 
         Of several errors the one of the first item is raised; else as `completed`.
         """

@@ -25,7 +25,7 @@ class LogTarget(Protocol):
 
 
 class FaultLog:
-    """Passes each kind of warning on once in `period` s; texts that differ in figures are one."""
+    """Log that lets each kind of warning, whatever its numbers, through once in `period` s."""
 
     def __init__(self, log: LogTarget, period: float = 10.0) -> None:
         self._log, self._period = log, period
@@ -57,7 +57,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Report:
-    """Level, a sentence that gives the reason, and figures by name."""
+    """Diagnostic report: level, a sentence that gives the reason, and figures by name."""
 
     level: Level
     sentence: str
@@ -78,7 +78,7 @@ class Reporter:
         self._level = Level.OK
 
     def say(self, report: Report) -> None:
-        """Publish; log a fault when it begins, once in 10 s while it lasts, and when it ends."""
+        """Publish a report; log a fault when it begins and ends, and once in 10 s between."""
         if report.level is not Level.OK:
             self._faults.warning(report.sentence)
         elif self._level is not Level.OK:
@@ -87,7 +87,7 @@ class Reporter:
         self.publish(report)
 
     def publish(self, report: Report) -> None:
-        """Publish, and log nothing."""
+        """Publish a report, and log nothing."""
         status = DiagnosticStatus(
             level=bytes([report.level]),
             name=self._name,
@@ -101,12 +101,15 @@ class Reporter:
 
 
 def faults(news: Mapping[str, float], is_fault: Callable[[str], bool]) -> str:
-    """Return the counters of faults that rose, each after its change; '' where none did."""
+    """Return the fault counters that rose as text, such as `3 late, 1 lost`; '' where none did.
+
+    news: change of each counter; is_fault: says whether the counter of that name counts faults.
+    """
     return ', '.join(f'{n:.0f} {name}' for name, n in news.items() if n > 0 and is_fault(name))
 
 
 class CountChanges:
-    """The change of counters, by name, since the report before."""
+    """Changes of named counters from one report to the next."""
 
     def __init__(self) -> None:
         self._before: Mapping[str, float] = {}
@@ -115,7 +118,10 @@ class CountChanges:
     def since_last(
         self, counts: Mapping[str, float], now: float
     ) -> tuple[dict[str, float], float]:
-        """Return the change of each counter, and the time in s over which it came (0: first)."""
+        """Return the change of each counter since the last call and the time in s since then.
+
+        now: s on a steady clock. The first call returns the counts themselves, and 0 s.
+        """
         news = {name: count - self._before.get(name, 0) for name, count in counts.items()}
         span = 0.0 if self._time is None else now - self._time
         self._time, self._before = now, counts

@@ -11,32 +11,32 @@ from wattwalk_core.errors import InputError
 
 
 class DeviceParameters:
-    """Declares read-only parameters of a node; InputError for values that do not fit."""
+    """Declares read-only parameters of a node and returns them; InputError for bad values."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
 
     def text(self, name: str, default: str, description: str) -> str:
-        """A string."""
+        """Return the value of a string parameter."""
         return self._declare(name, default, ParameterDescriptor(description=description))
 
     def path(self, name: str, description: str) -> Path | None:
-        """A file, None where it is left empty."""
+        """Return the value of a file parameter, with `~` expanded; None where it is empty."""
         value = self.text(name, '', description)
         return Path(value).expanduser() if value else None
 
     def flag(self, name: str, default: bool, description: str) -> bool:
-        """A truth value."""
+        """Return the value of a boolean parameter."""
         return self._declare(name, default, ParameterDescriptor(description=description))
 
     def whole(self, name: str, default: int, description: str, low: int, high: int) -> int:
-        """An integer from low to high."""
+        """Return the value of an integer parameter within [low, high]."""
         limits = [IntegerRange(from_value=low, to_value=high, step=0)]
         descriptor = ParameterDescriptor(description=description, integer_range=limits)
         return self._declare(name, default, descriptor, f'from {low} to {high}')
 
     def real(self, name: str, default: float, description: str, low: float, high: float) -> float:
-        """A number from low to high."""
+        """Return the value of a floating-point parameter within [low, high]."""
         limits = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
         descriptor = ParameterDescriptor(description=description, floating_point_range=limits)
         return self._declare(name, default, descriptor, f'from {low:g} to {high:g}')

@@ -36,8 +36,9 @@ class PolledTopic(Generic[Message]):
     """Messages of a topic that stay in the middleware until they are polled.
 
     The executor of ROS 2 Jazzy builds its wait set anew for every message that it serves, which
-    costs about 0.3 ms; taking a message costs 0.01 ms. The depth of the quality of service
-    bounds what waits; older messages are lost beyond it. raw: messages are bytes.
+    costs about 0.3 ms; taking a message costs 0.01 ms. The depth of the quality of service bounds
+    what waits; older messages are lost beyond it. kind: message class. raw: messages are their
+    serialised bytes.
     """
 
     def __init__(
@@ -62,12 +63,12 @@ class PolledTopic(Generic[Message]):
         )
 
     def take(self) -> Iterator[Message]:
-        """Return the waiting messages in order of arrival."""
+        """Yield the waiting messages in order of arrival, at most 10,000."""
         for message, _ in self.take_with_source_time():
             yield message
 
     def take_with_source_time(self) -> Iterator[tuple[Message, int]]:
-        """Return the waiting messages, each with its system time of publication in ns."""
+        """Yield the waiting messages, each with its system time of publication in ns."""
         for _ in range(_LONGEST_BATCH):
             taken = _take(self._subscription, self._kind, self._raw)
             if taken is None:
@@ -82,5 +83,5 @@ class PolledTopic(Generic[Message]):
         return message
 
     def destroy(self) -> None:
-        """Leave the topic."""
+        """End the subscription."""
         self._node.destroy_subscription(self._subscription)

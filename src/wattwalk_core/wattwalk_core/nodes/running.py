@@ -24,14 +24,13 @@ SERVED: Final = 0.02  # s between turns of the executor of a node that polls
 
 
 class EndSignals:
-    """SIGINT and SIGTERM as a future that is done at the first of them.
+    """SIGINT and SIGTERM as the future `received`, which is done at the first of them.
 
-    An exception that a handler raises can surface inside rclpy, which turns it into a
-    RuntimeError, so the handlers do nothing: the interpreter writes each signal to a socket and
-    a thread sets the future. While the process is `busy` for more than PATIENCE s after a
-    signal, a callback hangs and is left by a KeyboardInterrupt. Later signals change nothing,
-    also after the end: launch files send SIGINT twice. Without a signal the former handlers
-    come back. To be entered in the main thread.
+    Handlers do nothing, as rclpy turns an exception in them into a RuntimeError: the interpreter
+    writes each signal to a socket, and a thread sets the future. Where `hold` is not called within
+    PATIENCE s of a signal, a callback hangs and is left by a KeyboardInterrupt. Later signals
+    change nothing, also after the end: launch files send SIGINT twice. Without a signal the former
+    handlers come back. To be entered in the main thread.
     """
 
     def __init__(self) -> None:
@@ -60,7 +59,7 @@ class EndSignals:
         self._reader.close()
 
     def hold(self) -> None:
-        """Let no further signal interrupt, so that the shutdown takes the time it needs."""
+        """Let no later signal interrupt, so that the shutdown takes the time it needs."""
         self._idle.set()
 
     def _handle(self, number: int, frame: FrameType | None) -> None:

@@ -7,9 +7,9 @@ from std_srvs.srv import Trigger
 
 
 def offer(node: Node, name: str, action: Callable[[], tuple[bool, str]]) -> None:
-    """Serve `~/name`, and `name`, by which clients of release 0.1 call it.
+    """Serve std_srvs/Trigger as `~/name`, and as `name`, which clients of release 0.1 call.
 
-    action: returns whether it succeeded, and a message.
+    action: runs at each call; returns whether it succeeded, and a message.
     """
 
     def serve(request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:

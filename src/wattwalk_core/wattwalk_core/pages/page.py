@@ -25,7 +25,7 @@ COLORS = {
 
 
 def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
-    """Return the figure as a plain mapping in the common plot style."""
+    """Put a plotly figure into the common style and return it as {'data': …, 'layout': …}."""
     axis = {
         'gridcolor': COLORS['grid'],
         'zerolinecolor': COLORS['line'],
@@ -53,7 +53,7 @@ def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
 
 
 def short(values: Any) -> Any:
-    """Round to four digits; None for values that are not finite."""
+    """Return values [N] or [N, M] as lists, to four significant digits; None for non-finite."""
     if isinstance(values, np.ndarray) and values.ndim == 2:
         return [short(row) for row in values]
     return [float(f'{v:.4g}') if np.isfinite(v) else None for v in np.asarray(values).tolist()]
@@ -67,39 +67,42 @@ _POLICY = (
 
 
 def escape(text: object) -> str:
-    """Text for a page."""
+    """Return text with HTML's special characters escaped."""
     return html.escape(str(text))
 
 
 @dataclass
 class Page:
-    """A page as it grows from top to bottom."""
+    """HTML page that grows from top to bottom: all methods but `figure` and `write` append."""
 
     title: str
     parts: list[str] = field(default_factory=list)
     figures: dict[str, Figure] = field(default_factory=dict)
 
     def add(self, markup: str) -> None:
-        """Markup that is escaped already."""
+        """Append markup, which is escaped already."""
         self.parts.append(markup)
 
     def heading(self, text: str) -> None:
-        """A section begins."""
+        """Append the heading of a section."""
         self.add(f'<h2>{escape(text)}</h2>')
 
     def text(self, text: str, *, faint: bool = False) -> None:
-        """A paragraph."""
+        """Append a paragraph; faint: in a paler colour."""
         self.add(f'<p{" class=faint" if faint else ""}>{escape(text)}</p>')
 
     def figure(self, figure: Figure, label: str, *, size: str = 'mid') -> str:
-        """Keep a figure and return its place in the page."""
+        """Keep a figure made by `finished`, and return markup for its place in the page.
+
+        label: alternative text; size: height, `large`, `tall`, `mid` or `low`.
+        """
         name = f'figure{len(self.figures)}'
         self.figures[name] = figure
         words = f'role="img" aria-label="{escape(label)}"'
         return f'<div id="{name}" class="figure {size}" {words}></div>'
 
     def tabs(self, panels: Mapping[str, str]) -> None:
-        """One panel at a time, chosen by buttons; printed one after the other."""
+        """Append panels of markup, by label, with buttons to choose one; print shows all."""
         start = len(self.parts)
         buttons, bodies = [], []
         for index, (label, body) in enumerate(panels.items()):
@@ -124,7 +127,7 @@ class Page:
         numbers: Sequence[int] = (),
         bold: Sequence[int] = (),
     ) -> None:
-        """A table; numbers are the columns set to the right, bold the rows that stand out."""
+        """Append a table; numbers: columns set to the right; bold: rows that stand out."""
         head = ''.join(
             f'<th{" class=number" if i in numbers else ""}>{escape(c)}</th>'
             for i, c in enumerate(columns)
@@ -142,12 +145,12 @@ class Page:
         )
 
     def facts(self, facts: Mapping[str, object]) -> None:
-        """Names and values."""
+        """Append a list of names and values."""
         body = ''.join(f'<dt>{escape(k)}</dt><dd>{escape(v)}</dd>' for k, v in facts.items())
         self.add(f'<dl class="facts">{body}</dl>')
 
     def write(self, path: Path) -> None:
-        """One file, whole or not at all."""
+        """Write the page as one file, usable offline; RecordingError if it cannot be written."""
         colors = {stand_in: name for name, stand_in in COLORS.items()}
         content = {'figures': self.figures, 'colors': colors}
         data = json.dumps(content, ensure_ascii=False, allow_nan=False)

@@ -62,11 +62,11 @@ _THREADS = _Threads()
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Return the function's results in the order of the items.
+    """Return the function's results in the order of the items, worked out by several threads.
 
-    As many threads share the work as a matrix product may use, and each product has one of them
-    meanwhile: whoever limits those limits these. The results do not depend on the number of
-    threads; the function must not change what it shares.
+    Threads are as many as a matrix product may use, and each product has one of them meanwhile:
+    whoever limits those limits these. The results do not depend on the number of threads; the
+    function must not change what it shares.
     """
     threads = min(_THREADS.to_share(), len(items))
     if threads < 2:
@@ -80,7 +80,7 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
 
 @contextmanager
 def one_thread_a_product() -> Iterator[None]:
-    """Give each matrix product one thread, and `for_each` as many as products had before.
+    """Limit each matrix product within `with` to one thread; `for_each` keeps its threads.
 
     Products of a few hundred columns gain nothing from a second thread, and wait for it thirty
     times as long as they take where another process has the core.
@@ -103,9 +103,9 @@ def _allowed(controller: ThreadpoolController) -> int:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of.
+    """Blocks of a second of reduced rows (50 Hz), shorter in a short recording.
 
-    Each operating point of a steady recording is a block.
+    Errors and weights are by block. Each operating point of a steady recording is a block.
     """
 
     starts: NDArray[np.intp]  # [B] first row of each
@@ -117,7 +117,7 @@ class Blocks:
 
     @classmethod
     def of(cls, prepared: Prepared, settings: FitSettings | None = None) -> 'Blocks':
-        """Cut prepared signals into blocks that cross no gap."""
+        """Cut prepared signals into blocks that cross no gap; the longest that enough fit in."""
         settings = settings or FitSettings()
         window = prepared.reducer.window
         lengths = [round(s * REDUCED_RATE) for s in settings.block_seconds]
@@ -146,22 +146,22 @@ class Blocks:
 
     @property
     def independent(self) -> bool:
-        """Return whether blocks are operating points, whose order means nothing."""
+        """True if blocks are operating points, whose order means nothing."""
         return self.length == 1
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """Return row indices [B, length]."""
+        """Row indices [B, length]."""
         return self.starts[:, None] + np.arange(self.length)
 
     @property
     def counts(self) -> NDArray[np.intp]:
-        """Rows that count of each block, 1 or more, [B, D]."""
+        """Number of rows that count in each block, 1 or more, [B, D]."""
         return np.maximum(self.use.sum(axis=1), 1)
 
     @property
     def mask(self) -> Bools:
-        """Mark the rows that count [B, length, D]."""
+        """Mask of the rows that count [B, length, D]."""
         return self.use & self.valid[:, None, :]
 
 
@@ -177,12 +177,12 @@ class Normal:
 
     @classmethod
     def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
-        """Make normal equations from columns [N, D, m] and target [N, D]."""
+        """Make normal equations from columns [N, D, m] and target W [N, D]."""
         zero = np.zeros_like(target)
         return DelayedNormal.of(columns, target[None], zero, blocks).at(0.0)
 
     def errors(self, coefficients: Floats) -> Floats:
-        """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
+        """Return summed squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
         product = (self.gram @ coefficients[..., None])[..., 0]
         linear = (coefficients * (product - 2.0 * self.moment)).sum(axis=2)
         return np.maximum(self.square + linear, 0.0)
@@ -207,7 +207,7 @@ class DelayedNormal:
     def of(
         cls, columns: Floats, power: Floats | Singles, constant: Floats, blocks: Blocks
     ) -> 'DelayedNormal':
-        """From columns [N, D, m], power [S, N, D] and what of it is constant [N, D]."""
+        """Make normal equations from columns [N, D, m], power W [S, N, D] − constant [N, D]."""
         rows = blocks.rows
         count, drives, m, shifts = len(rows), columns.shape[1], columns.shape[2], len(power)
         gram = np.empty((count, drives, m, m))
@@ -229,7 +229,7 @@ class DelayedNormal:
         return cls(gram, moment, square, next_, blocks.valid, blocks.counts)
 
     def at(self, place: float) -> Normal:
-        """Return the equations at a place between 0 and S − 1."""
+        """Return the equations at a place of the delay from 0 to S − 1, a fraction allowed."""
         left = min(int(place), max(len(self.moment) - 2, 0))
         w = place - left
         if w == 0.0:
@@ -241,9 +241,9 @@ class DelayedNormal:
         return Normal(self.gram, moment, square, self.valid, self.counts)
 
     def summed(self, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Sums over blocks with weights [B, D].
+        """Return sums over blocks with weights [B, D].
 
-        gram [D, m, m], moment [S, D, m], square [S, D] and next_ [S, D].
+        They are gram [D, m, m], moment [S, D, m], square [S, D] and next_ [S, D].
         """
         count = len(weights)
         gram = np.empty(self.gram.shape[1:])
@@ -257,7 +257,7 @@ class DelayedNormal:
 
 
 def modelled(columns: Floats, coefficients: Floats) -> Floats:
-    """Multiply [N, D, m] by [D, m] and sum to [N, D]."""
+    """Return columns [N, D, m] times coefficients [D, m], summed to [N, D]."""
     out = np.empty(columns.shape[:2])
     for drive, own in enumerate(coefficients):
         out[:, drive] = columns[:, drive] @ own
@@ -267,9 +267,10 @@ def modelled(columns: Floats, coefficients: Floats) -> Floats:
 def between(
     places: Floats, moment: Floats, square: Floats, next_: Floats
 ) -> tuple[Floats, Floats]:
-    """Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
+    """Return moment [P, D, m] and squared target [P, D] at places [P] between S delays.
 
-    The target is interpolated linearly; next_ [S, D] is its product with that at the next delay.
+    They come from moment [S, D, m] and square [S, D]; the target is interpolated linearly. next_
+    [S, D] is its product with that at the next delay.
     """
     left = np.minimum(places.astype(int), len(moment) - 2)
     w = (places - left)[:, None]
@@ -279,7 +280,10 @@ def between(
 
 
 def drawn_blocks(count: int, repetitions: int, together: int, seed: int) -> Floats:
-    """Return how often each of count blocks is drawn, some together, in R bootstraps [R, B]."""
+    """Return how often each of `count` blocks is drawn in moving-block bootstraps [R, count].
+
+    repetitions: R; together: successive blocks that are drawn at once.
+    """
     random = np.random.default_rng(seed)
     size = min(together, count)
     drawn = np.zeros((repetitions, count))

@@ -26,7 +26,7 @@ _ESTIMATES = (
 
 
 class ByDriveBuilder(DesignBuilder):
-    """Designs of several metered drives.
+    """Builder of designs of several metered drives, drive by drive where effects allow it.
 
     Effects that look at other drives are computed from the signals of all.
     """
@@ -86,7 +86,7 @@ class ByDriveBuilder(DesignBuilder):
     def beside(
         self, actives: Sequence[Active], structure: Structure, coefficients: Floats
     ) -> list[Floats]:
-        """Reduced columns [N, D, n] of effects beside a structure at coefficients [D, m]."""
+        """Return reduced columns [N, D, n] of effects beside a structure at coefficients."""
         if not _apart(structure.actives):
             return super().beside(actives, structure, coefficients)
         apart = [active for active in actives if active.effect.per_drive]

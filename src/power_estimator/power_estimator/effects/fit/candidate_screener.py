@@ -37,7 +37,7 @@ class Screened:
 
 @dataclass(frozen=True)
 class Trial:
-    """A subset of the candidates fitted to everything, at its own best delay."""
+    """A subset of the candidates fitted to all blocks, at its best delay."""
 
     actives: tuple[Active, ...]
     columns: NDArray[np.intp]  # of the base and the subset, filled up with the empty column
@@ -47,10 +47,9 @@ class Trial:
 
 
 class CandidateScreener:
-    """Screens subsets of candidates by their normal equations alone.
+    """Screens subsets of candidate effects on top of a fit, the base, without new designs.
 
-    Of all columns it keeps the weighted normal equations of everything and of what each fold may
-    be trained on; the columns themselves serve to test a fold.
+    All columns are linearised once about the base. folds: of the cross-validation.
     """
 
     def __init__(
@@ -70,15 +69,15 @@ class CandidateScreener:
         self._sum()
 
     def screen(self, actives: Sequence[Active] = ()) -> Screened:
-        """Held-out errors with these candidates added, at their own best delay."""
+        """Return held-out errors of the base with these candidates, at their best delay."""
         return self.screened([actives])[0]
 
     def screened(self, subsets: Sequence[Sequence[Active]]) -> list[Screened]:
-        """Held-out errors with each subset of the candidates added."""
+        """Return held-out errors of the base with each subset of the candidates."""
         return self.tested(self.fitted(subsets))
 
     def fitted(self, subsets: Sequence[Sequence[Active]]) -> list[Trial]:
-        """Each subset of the candidates fitted to everything."""
+        """Fit the base with each subset of the candidates to all blocks."""
         found = []
         for some in self._batches(subsets):
             picks = [
@@ -93,7 +92,7 @@ class CandidateScreener:
         return found
 
     def tested(self, trials: Sequence[Trial]) -> list[Screened]:
-        """Held-out errors of what was fitted."""
+        """Return held-out errors of each trial, at its delay."""
         shifts = self.fitter.prepared.shifts
         step = float(shifts[1] - shifts[0])
         out = []
@@ -301,7 +300,7 @@ def _padded(values: Floats, width: int) -> Floats:
 
 
 def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
-    """The structure with the shape of each of its effects that fits best, one after the other."""
+    """Return the structure with the best fitting shape of each effect that leaves it open."""
     signals = fitter.prepared.signals
     options = {
         active.name: [Active.of(active.effect, shape) for shape in active.effect.tried_on(signals)]

@@ -36,10 +36,10 @@ class DelaySearch:
         near: float | None,
         delay: float | None,
     ) -> tuple[Normal, float]:
-        """Normal equations at the best delay, and that delay in s.
+        """Return normal equations at the best delay, and that delay in s.
 
-        It is sought near a known one first. weights: of the blocks [B, D]. With delay nothing is
-        sought, nor in operating points, which have none.
+        weights: of the blocks [B, D]; near: a delay in s about which it is sought first. With
+        delay nothing is sought, nor in operating points, whose delay is 0.
         """
         if self.prepared.steady:
             delay = 0.0
@@ -63,7 +63,10 @@ class DelaySearch:
     def drawn(
         self, design: Design, blocks: Blocks, weights: Floats, near: float, drawn: Floats
     ) -> Floats:
-        """Best delays in s near a known one, of fits in which blocks count drawn [R, B] times."""
+        """Return the best delays in s [R], about `near`, of R bootstraps of the blocks.
+
+        drawn [R, B]: how often each block counts; weights [B, D].
+        """
         out = np.zeros(len(drawn))
         if self.prepared.steady:
             return out
@@ -127,7 +130,11 @@ class DelaySearch:
 def group_limits(
     design: Design, prior: Floats, weight: Floats, groups: Sequence[Sequence[int]]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return lower and upper bounds and the weight of the prior [D, m] of each group, [G, m]."""
+    """Return lower and upper bounds and the weight of the prior of each group of drives, [G, m].
+
+    prior: standard deviation [D, m]; weight: W² [D]; groups: columns of drives, which share
+    coefficients.
+    """
     own = [list(group) for group in groups]
     lower = np.stack([design.lower[group].mean(axis=0) for group in own])
     upper = np.stack([design.upper[group].mean(axis=0) for group in own])

@@ -17,7 +17,7 @@ Prior = Mapping[str, Sequence[tuple[float, float]]]
 
 @dataclass(frozen=True)
 class Active:
-    """An effect with its shape parameters chosen."""
+    """Effect with a choice of its shape parameters."""
 
     effect: Effect
     shape: tuple[tuple[str, float], ...] = ()
@@ -34,21 +34,21 @@ class Active:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Name and shape."""
+        """Name and shape, which identify its regressors."""
         return (self.effect.name, self.shape)
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Return the shape parameters by name."""
+        """Shape parameters by name."""
         return dict(self.shape)
 
     def columns(self, signals: Signals) -> Floats:
-        """Return the regressors [T, D, n], checked."""
+        """Return the regressors [T, D, n] on signals, as `regressors_of`."""
         return regressors_of(self.effect, signals, self.parameters)
 
 
 def discrepancy_of(effect: Effect) -> Effect | None:
-    """Return the departure of real drives from an effect's formula, None where none is known."""
+    """Return how real drives depart from an effect's formula, as an effect; None if not known."""
     values = effect.discrepancy
     if values is None or effect.kind != 'physics' or effect.discrepancy_limit <= 0.0:
         return None
@@ -80,25 +80,25 @@ class Structure:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Effects by name."""
+        """Names of the effects."""
         return tuple(active.name for active in self.actives)
 
     @property
     def free(self) -> tuple[Active, ...]:
-        """Effects with coefficients to fit."""
+        """Effects with coefficients to fit; their terms are the m columns."""
         return tuple(active for active in self.actives if active.effect.fixed is None)
 
     @property
     def labels(self) -> tuple[tuple[str, int], ...]:
-        """(effect, term) of each of the m columns."""
+        """Name of the effect and index of its term for each of the m columns."""
         return tuple(
             (active.name, term) for active in self.free for term in range(len(active.effect.terms))
         )
 
     def bounds(self, coefficients: Floats, scale: DriveScale) -> tuple[Floats, Floats]:
-        """Lower and upper bound of each column [D, m] for drives of a scale.
+        """Return lower and upper bounds [D, m] of the coefficients of drives of a scale.
 
-        A discrepancy may take a share of its effect's coefficient in coefficients [D, m].
+        A discrepancy is bounded by a share of its effect's coefficient in coefficients [D, m].
         """
         terms = [term for active in self.free for term in active.effect.terms]
         factors = self._factors(scale)
@@ -114,12 +114,12 @@ class Structure:
         return lower, upper
 
     def priors(self, scale: DriveScale) -> Floats:
-        """Spread known beforehand of each column [D, m], infinite where nothing is known."""
+        """Return standard deviations of priors around 0 [D, m], infinite without a prior."""
         terms = [term for active in self.free for term in active.effect.terms]
         return np.array([term.prior for term in terms]) * self._factors(scale)
 
     def expected(self, prior: Prior) -> tuple[Floats, Floats]:
-        """Expected value and spread [m] of each column; spread is infinite without a prior."""
+        """Return expected value and standard deviation [m], which is infinite without a prior."""
         nothing = (0.0, np.inf)
         found = [
             own
@@ -134,7 +134,7 @@ class Structure:
         return np.concatenate([np.empty((len(scale.torque), 0)), *parts], axis=1)
 
     def coupled(self, coefficients: Floats) -> Bools:
-        """Mark the columns [m] whose coefficients move those of others.
+        """Mark the columns [m] whose coefficients change the columns of others.
 
         All of them where an effect with coefficients in [D, m] follows the power that is drawn.
         """
@@ -150,7 +150,7 @@ class Structure:
         return np.array(moves, dtype=bool) | any(drawn)
 
     def with_discrepancies(self) -> 'Structure':
-        """Return the structure with the discrepancy of every effect that has one."""
+        """Return the structure with the discrepancy of each effect that has one, see `Effect`."""
         found = [(active, discrepancy_of(active.effect)) for active in self.actives]
         return self.plus(
             *(
@@ -161,7 +161,7 @@ class Structure:
         )
 
     def columns_of(self, name: str) -> list[int]:
-        """Columns that belong to the effect."""
+        """Return the indices of an effect's columns; none for a name that is not there."""
         return [i for i, (owner, _) in enumerate(self.labels) if owner == name]
 
     def plus(self, *actives: Active) -> 'Structure':
@@ -175,9 +175,9 @@ class Structure:
 
 @dataclass(frozen=True)
 class Design:
-    """A structure linearised about one set of coefficients.
+    """Structure linearised about one set of coefficients.
 
-    The model's reduced power is columns @ coefficients + constant.
+    The reduced power of the model, W [N, D], is columns · coefficients + constant.
     """
 
     structure: Structure
@@ -189,13 +189,13 @@ class Design:
 
 @dataclass(frozen=True)
 class BasePower:
-    """The power of a model that effects are added to."""
+    """Power of a base model that effects are added to."""
 
     power: Floats  # W [T, D]
     copper: Floats  # W/(N·m)² [D], what torque costs in it, for torque that effects add
 
     def drive(self, index: int) -> 'BasePower':
-        """Power and cost of one drive, D = 1."""
+        """Return power and copper loss of one drive, D = 1."""
         own = np.ascontiguousarray(self.power[:, index : index + 1])
         return BasePower(own, self.copper[[index]])
 
@@ -214,9 +214,9 @@ def estimates(
     base: BasePower | None = None,
     source: Source = _fresh,
 ) -> Signals:
-    """Return the signals with the model's own estimates.
+    """Return the signals with the model's estimates of motor motion, torque and drawn power.
 
-    coefficients is [D, m]; base is a model underneath.
+    coefficients: [D, m]; base: power of a base model; source: gives the regressors of an effect.
     """
     parts = by_effect(structure, coefficients)
     signals = _with_motion(parts, signals, source)
@@ -259,7 +259,7 @@ def estimates(
 def evaluate(
     structure: Structure, coefficients: Floats, signals: Signals, base: BasePower | None = None
 ) -> Floats:
-    """Power of the model in W [T, D] at the rate of the signals."""
+    """Return the power of a model with coefficients [D, m], W [T, D] at the rate of signals."""
     signals = estimates(structure, coefficients, signals, base)
     power = signals.drawn
     for active, own in by_effect(structure, coefficients):
@@ -284,7 +284,7 @@ def _with_motion(
 
 
 def weighted(columns: Floats, coefficients: Floats) -> Floats:
-    """Multiply [T, D, n] by [D, n] and sum to [T, D]."""
+    """Return columns [T, D, n] times coefficients [D, n], summed to [T, D]."""
     if columns.shape[1] == 1 and columns.shape[2] > 2:
         return np.asarray(columns[:, 0] @ coefficients[0])[:, None]
     total = columns[..., 0] * coefficients[:, 0]
@@ -294,7 +294,7 @@ def weighted(columns: Floats, coefficients: Floats) -> Floats:
 
 
 def by_effect(structure: Structure, coefficients: Floats) -> Sequence[tuple[Active, Floats]]:
-    """Pair each effect with its columns of coefficients [D, m]."""
+    """Return each effect with its part [D, n] of coefficients [D, m]."""
     place, out = 0, []
     for active in structure.free:
         count = len(active.effect.terms)

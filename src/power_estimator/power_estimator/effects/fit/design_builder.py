@@ -26,16 +26,16 @@ Value = TypeVar('Value')
 
 
 class Kept(Generic[Value]):
-    """Values by key, of which those used least recently go when all need more than a budget."""
+    """Cache of values by key; those used least recently go when all need more than a budget."""
 
     def __init__(self, budget: int, fewest: int = 1) -> None:
-        """budget: bytes; fewest: values that stay whatever they need."""
+        """budget: bytes; fewest: number of values that stay whatever they need."""
         self._budget, self._fewest = budget, fewest
         self._values: OrderedDict[Hashable, tuple[Value, int]] = OrderedDict()
         self._used = 0
 
     def get(self, key: Hashable, make: Callable[[], Value], size: Callable[[Value], int]) -> Value:
-        """Return the value of a key, made anew where it is not kept; size in bytes."""
+        """Return the value of a key, from `make` where it is not kept; size: gives its bytes."""
         if key in self._values:
             self._values.move_to_end(key)
             return self._values[key][0]
@@ -44,7 +44,7 @@ class Kept(Generic[Value]):
         return value
 
     def put(self, key: Hashable, value: Value, size: int) -> None:
-        """Keep a value of a size in bytes."""
+        """Keep a value of `size` bytes; those used least recently go for it."""
         self.drop(key)
         self._values[key] = (value, size)
         self._used += size
@@ -53,7 +53,7 @@ class Kept(Generic[Value]):
             self._used -= freed
 
     def drop(self, key: Hashable) -> None:
-        """Forget the value of a key."""
+        """Remove the value of a key, if it is kept."""
         if key in self._values:
             self._used -= self._values.pop(key)[1]
 
@@ -73,7 +73,7 @@ class Linearisation:
 
 
 class DesignBuilder:
-    """Builds designs on prepared signals; keeps what no estimate moves.
+    """Builder of designs on prepared signals; columns that no estimate changes are kept.
 
     It keeps one point with its columns, too: that which several fits in turn begin at.
     """
@@ -81,7 +81,7 @@ class DesignBuilder:
     def __init__(
         self, prepared: Prepared, base: BasePower | None = None, kept: int = FitSettings.kept
     ) -> None:
-        """kept: bytes of columns at most, of either rate."""
+        """base: power of a base model; kept: bytes of columns at most, of either rate."""
         self.prepared = prepared
         self.base = base
         self._reduced: Kept[Floats] = Kept(kept)
@@ -89,7 +89,7 @@ class DesignBuilder:
         self._begun: tuple[object, Linearisation, dict[object, Floats]] | None = None
 
     def point(self, structure: Structure, coefficients: Floats) -> Linearisation:
-        """The model's own estimates at coefficients [D, m]."""
+        """Return the point of linearisation at coefficients [D, m], with estimates there."""
         if self._begun is not None and self._begun[0] == _place_of(structure, coefficients):
             return replace(self._begun[1], structure=structure, coefficients=coefficients)
         return self._point(structure, coefficients)
@@ -131,12 +131,12 @@ class DesignBuilder:
     def beside(
         self, actives: Sequence[Active], structure: Structure, coefficients: Floats
     ) -> list[Floats]:
-        """Reduced columns [N, D, n] of effects beside a structure at coefficients [D, m]."""
+        """Return reduced columns [N, D, n] of effects beside a structure at coefficients."""
         point = self.point(structure, coefficients)
         return [self.columns(active, point) for active in actives]
 
     def columns(self, active: Active, point: Linearisation) -> Floats:
-        """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
+        """Return reduced derivatives of the power by an effect's coefficients, [N, D, n]."""
         if self._lasts(active, point):
             return self._reduced_once(active, point.signals)
         return self.prepared.reduced(self._seen(self._derivatives(active, point)))
@@ -144,7 +144,7 @@ class DesignBuilder:
     def columns_and(
         self, actives: Sequence[Active], point: Linearisation, more: Sequence[Floats]
     ) -> tuple[list[Floats], Floats]:
-        """Reduced columns of effects, and those of other power [T, D] beside them, at one go."""
+        """Return reduced columns [N, D, n] of effects, and [N, D, k] of k powers W [T, D]."""
         parts = [
             None if self._lasts(a, point) else self._seen(self._derivatives(a, point))
             for a in actives
@@ -162,7 +162,7 @@ class DesignBuilder:
         return found, joined[..., start:]
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """Return the part of the model's power at the point that its columns lack, W [N, D]."""
+        """Return the part of the power at a point that is not in its columns, W [N, D]."""
         return self.prepared.reduced(point.power) - modelled(columns, point.coefficients)
 
     def _seen(self, power: Floats) -> Floats:
@@ -203,7 +203,7 @@ class DesignBuilder:
         return np.stack(columns, axis=-1)
 
     def regressors(self, active: Active, signals: Signals) -> Floats:
-        """Regressors [T, D, n] of an effect, made once where no estimate moves them."""
+        """Return regressors [T, D, n] of an effect; kept where no estimate changes them."""
         if active.effect.follows or signals.motor_velocity is not signals.velocity:
             return active.columns(signals)
         return self._instant.get(active.key, lambda: active.columns(signals), _bytes)

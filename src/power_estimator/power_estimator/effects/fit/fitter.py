@@ -32,16 +32,16 @@ class Linear:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Memory that it needs, bytes."""
         return self.design.columns.nbytes + self.normal.gram.nbytes + 2 * self.target.nbytes
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A structure fitted to all blocks: coefficients of each drive and the common delay.
+    """Structure fitted to all blocks: coefficients of each drive and the common delay.
 
-    Design, target and normal equations are large: a fitter keeps those used last, and makes
-    others anew when they are asked for.
+    Design, target and normal equations are large: a fitter keeps those used last, and makes others
+    anew when they are used.
     """
 
     structure: Structure
@@ -60,21 +60,21 @@ class Fit:
 
     @property
     def design(self) -> Design:
-        """The linearised structure."""
+        """Structure as linearised about `point`."""
         return self.fitter.linear(self).design
 
     @property
     def normal(self) -> Normal:
-        """The normal equations of its blocks."""
+        """Normal equations of the blocks."""
         return self.fitter.linear(self).normal
 
     @property
     def target(self) -> Floats:
-        """Power with the delay taken out, less the design's constant, W [N, D]."""
+        """Power with the delay taken out, less the constant of the design, W [N, D]."""
         return self.fitter.linear(self).target
 
     def at_bound(self, drive: int, column: int) -> Literal['', 'lower', 'upper']:
-        """`lower` or `upper` where a coefficient stands at its bound, else ''."""
+        """Return `lower` or `upper` where a coefficient stands at its bound, else ''."""
         value = self.coefficients[drive, column]
         low, high = self.lower[drive, column], self.upper[drive, column]
         near = self.fitter.settings.at_bound * max(
@@ -83,13 +83,13 @@ class Fit:
         return 'lower' if value <= low + near else 'upper' if value >= high - near else ''
 
     def residual(self) -> Floats:
-        """Measured minus model, W [N, D]."""
+        """Return measured − modelled power, W [N, D]."""
         linear = self.fitter.linear(self)
         return linear.target - modelled(linear.design.columns, self.coefficients)
 
 
 class Fitter:
-    """Fits structures to one set of prepared signals."""
+    """Fits structures to one set of prepared signals by bounded least squares."""
 
     def __init__(
         self,
@@ -100,10 +100,10 @@ class Fitter:
         settings: FitSettings | None = None,
         prior: Prior | None = None,
     ) -> None:
-        """Fit drives of these signals.
+        """groups: drives that share coefficients, by index; by default none do.
 
-        groups: drives that share coefficients, by index; base: a model underneath; prior: what
-        is expected of coefficients, and counts like a second of measurement.
+        base: power of a base model; prior: expected coefficients, which count like a second of
+        measurement.
         """
         self.prior = prior or {}
         self.prepared = prepared
@@ -120,7 +120,7 @@ class Fitter:
 
     @property
     def scale(self) -> DriveScale:
-        """Scale of the meters."""
+        """Scale of the metered drives, or of the robot."""
         return self.prepared.scale
 
     def fit(
@@ -130,10 +130,11 @@ class Fitter:
         iterations: int = 3,
         delay: float | None = None,
     ) -> Fit:
-        """Fit all coefficients within their bounds, and the delay unless it is given (s).
+        """Fit all coefficients within their bounds, and the delay (s) unless it is given.
 
-        start gives the point to linearise about by the names of its effects. At most so many
-        iterations: fewer where a step no longer moves what the linearisation depends on.
+        start: a fit whose coefficients, by effect, are the first point to linearise about.
+        iterations: linearisations at most; fewer where a step no longer moves what these depend
+        on.
         """
         settings = self.settings
         point = carried(structure, start, len(self.prepared.names))
@@ -157,7 +158,7 @@ class Fitter:
         return current
 
     def linear(self, fit: Fit) -> Linear:
-        """Return what a fit was solved from."""
+        """Return the linear problem of a fit, made anew where it is no longer kept."""
 
         def make() -> Linear:
             design = self.builder.build(fit.structure, fit.point)
@@ -220,10 +221,10 @@ class Fitter:
         drawn: Floats | None = None,
         near: Floats | None = None,
     ) -> Floats:
-        """Coefficients from the blocks at weights [B, D], [D, m].
+        """Return coefficients [D, m] from the blocks with weights [B, D].
 
-        With drawn [F, B], how often each block counts in each of F fits, [F, D, m]. Drives of a
-        group share theirs. near [D, m]: coefficients of a similar fit.
+        With drawn [F, B], how often each block counts in each of F fits, they are [F, D, m].
+        Drives of a group share theirs. near [D, m]: coefficients of a similar fit, to begin at.
         """
         count, drives, m = normal.moment.shape
         gram = np.empty((1 if drawn is None else len(drawn), drives, m, m))
@@ -253,11 +254,11 @@ class Fitter:
         return out if drawn is not None else out[0]
 
     def intervals(self, fit: Fit, seed: int = 0, level: float = 0.95) -> Floats:
-        """Bounds of each coefficient, [D, m, 2], by a moving-block bootstrap of 5 s.
+        """Return bounds of each coefficient, [D, m, 2], by a moving-block bootstrap of 5 s.
 
-        Blocks drawn together keep what is autocorrelated together; coefficients at a bound get
-        an interval that ends there, and coefficients whose columns are the same in this recording
-        one that lets either take all. Delay, shapes and the weights of the blocks are held.
+        level: share of the draws between them. A coefficient at a bound gets an interval that ends
+        there. Where the recording only shows the sum of two, each interval lets either take all.
+        Delay, shapes and weights of the blocks are held.
         """
         linear = self.linear(fit)
         drawn = self.drawn(self.settings.bootstraps, seed)
@@ -267,7 +268,7 @@ class Fitter:
         return self._with_ties(fit, found)
 
     def delay_draws(self, fit: Fit, repetitions: int, seed: int = 0) -> Floats:
-        """Delays of the power, s [R], of as many bootstraps of the blocks."""
+        """Return the delays of the power, s [R], of R = `repetitions` bootstraps of the blocks."""
         drawn = self.drawn(repetitions, seed)
         return self.delays.drawn(fit.design, self.blocks, fit.weights, fit.delay, drawn)
 
@@ -298,7 +299,7 @@ class Fitter:
 
 
 def robust_weights(error: Floats, valid: Bools) -> Floats:
-    """Weight of each block from its mean squared error [B, D]; 1 for the drive's median block.
+    """Return the weight of each block by its mean squared error [B, D]; 1 for the median block.
 
     A stumble or a push that no model follows weighs little, as it does in the mean of the log
     error by which models are compared.
@@ -309,7 +310,7 @@ def robust_weights(error: Floats, valid: Bools) -> Floats:
 
 
 def carried(structure: Structure, start: Fit | None, drives: int) -> Floats:
-    """Coefficients [D, m] of the structure, taken over by name; zero where start has none."""
+    """Return start's coefficients for the columns of a structure [D, m]; zero for new ones."""
     out = np.zeros((drives, len(structure.labels)))
     if start is None:
         return out
@@ -323,9 +324,9 @@ def carried(structure: Structure, start: Fit | None, drives: int) -> Floats:
 def measurement_terms(
     catalogue: Catalogue, *, shaft: bool, steady: bool = False
 ) -> tuple[Active, ...]:
-    """Terms that every model is fitted with.
+    """Return the errors of measurement that every model is fitted with, as active effects.
 
-    The gain only where the shaft's is known; what needs time not for steady operating points.
+    The gain only with shaft, whose coefficient is known; what needs time not for steady points.
     """
     names = [
         *(['power_gain', 'torque_bend'] if shaft else []),

@@ -12,14 +12,14 @@ from power_estimator.effects.fit.settings import FitSettings
 
 @dataclass(frozen=True)
 class Folds:
-    """Blocks that are tested together, and those that may then be trained on."""
+    """Folds of a cross-validation: blocks that are tested together, and those to train on then."""
 
     test: NDArray[np.int32]  # [B], fold of each block
     training: Floats  # [F, B], 1 where the block may be trained on
 
     @property
     def count(self) -> int:
-        """Folds."""
+        """Number of folds F."""
         return len(self.training)
 
     @classmethod
@@ -28,12 +28,11 @@ class Folds:
     ) -> 'Folds':
         """Split by recording where there are enough, else by pieces of 10 s in turn.
 
-        Not by_recording where each has coefficients of its own, which no other tells.
-
-        Blocks without a measured drive count in no piece, so that short stretches of measurement
-        far apart are in all folds.
-        Operating points are dealt out by chance: they are independent, and tables are sorted.
-        An embargo beside each tested piece keeps what is autocorrelated out of training.
+        by_recording: False where each recording has coefficients that no other shows. Blocks
+        without a measured drive count in no piece, so that short stretches of measurement far
+        apart are in all folds. Operating points are dealt out by chance: they are independent, and
+        tables are sorted. An embargo beside each tested piece keeps what is autocorrelated out of
+        training.
         """
         settings = settings or FitSettings()
         folds, recordings = settings.folds, np.unique(blocks.recording)

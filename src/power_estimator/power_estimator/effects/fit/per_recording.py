@@ -21,7 +21,7 @@ _LEAST_DELAY = 0.0015  # s: what delays of recordings differ by for no reason
 
 
 def per_recording(of: Effect, recordings: int) -> Effect:
-    """A term of the measurement with a coefficient of its own in each recording."""
+    """Return an error of measurement with a coefficient for each of so many recordings."""
     term = of.terms[0]
     return replace(
         of,
@@ -36,10 +36,10 @@ def per_recording(of: Effect, recordings: int) -> Effect:
 
 
 def gain_per_recording(of: Effect, recordings: int) -> Effect:
-    """A gain error of the meter in each recording, on all of its power.
+    """Return the meter's gain error with a coefficient for each recording, on all of its power.
 
-    Of one recording the losses take their part of the gain up, so that the shaft alone shows it;
-    common losses cannot.
+    In one recording the losses take up their part of the gain, so that the shaft alone shows it;
+    losses common to several cannot.
     """
 
     def slope(signals: Signals, coefficients: Floats, **_: float) -> Floats:
@@ -63,7 +63,10 @@ def _within(signals: Signals, recordings: int) -> Floats:
 def own_terms(
     terms: Sequence[Active], recordings: int, apart: Collection[str] = OWN_TERMS
 ) -> tuple[Active, ...]:
-    """Terms of the measurement for several recordings: those named apart are of each its own."""
+    """Return terms of the measurement where those named in `apart` are separate by recording.
+
+    They are returned as they are for one recording and for more than MOST_RECORDINGS.
+    """
     if not 1 < recordings <= MOST_RECORDINGS:
         return tuple(terms)
 
@@ -75,18 +78,17 @@ def own_terms(
 
 
 def has_own_terms(structure: Structure) -> bool:
-    """Return whether recordings have coefficients of their own."""
+    """Return whether a structure has coefficients that are separate by recording."""
     return any(active.effect.per_recording for active in structure.actives)
 
 
 def own_delays(
     prepared: Prepared, structure: Structure, fitter_of: Callable[[Prepared], Fitter]
 ) -> Floats:
-    """Delay of each recording's power against that of the others, s [R].
+    """Return the delay of each recording's power relative to that of the others, s [R].
 
-    structure: the model with all that resembles a delay (inertia, spring), so that motions that
-    show these in different measure do not differ in delay for it. fitter_of: makes a fitter. Zero
-    where they hardly differ.
+    structure: the model with all that resembles a delay (inertia, spring), whose share of the
+    motion differs between recordings. fitter_of: makes a fitter. Zero where delays hardly differ.
     """
     count = len(prepared.recordings)
     none = np.zeros(count)
@@ -105,7 +107,7 @@ def own_delays(
 
 
 def in_step(prepared: Prepared, delays: Floats) -> Prepared:
-    """Return the signals with a delay of each recording's power taken out, s [R]."""
+    """Return the signals with the delay of each recording's power, s [R], taken out."""
     if not delays.any():
         return prepared
     power = prepared.power.copy()

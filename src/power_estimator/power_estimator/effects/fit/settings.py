@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Blocks, folds, weights and searches of fits to one set of prepared signals."""
+    """Settings of fits to prepared signals: blocks, folds, weights and searches."""
 
     block_seconds: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)  # the longest of which enough fit in
     fewest_blocks: int = 15  # three for each fold

@@ -16,9 +16,10 @@ COMMON = frozenset({'idle', 'regeneration_limit', 'line_resistance'})
 
 
 def drive_share(of: Effect, name: str, share: Floats) -> Effect:
-    """The effect as some of the drives of a robot have it, seen in the robot's power.
+    """Return an effect of some drives of a robot, as its one meter shows it, under a name.
 
-    Share [D, n]: by what each drive's regressors count; 0 for none. The drives' sizes are in it.
+    share [D, n]: factor of each drive's regressors, with the drive's size; 0 for drives without
+    the effect.
     """
     torque_slope, drawn_slope, discrepancy = of.torque_slope, of.drawn_slope, of.discrepancy
     return replace(
@@ -43,14 +44,14 @@ def has_one_share(effect: Effect) -> bool:
 
 
 def shared_by_size(effect: Effect, signals: Signals) -> Effect:
-    """The effect with one coefficient for all drives, in proportion to their sizes."""
+    """Return the effect with one coefficient for all drives, in proportion to their sizes."""
     if has_one_share(effect):
         return effect
     return drive_share(effect, effect.name, effect.factors(signals.scale))
 
 
 def expanded(actives: Sequence[Active], signals: Signals) -> tuple[Active, ...]:
-    """Effects as the robot's power may show them: each drive with a coefficient of its own.
+    """Return effects as a robot's one meter may show them: with a coefficient for each drive.
 
     Effects with shapes have one coefficient in proportion to the drives' sizes, and effects of the
     supply one for all.
@@ -73,20 +74,20 @@ def expanded(actives: Sequence[Active], signals: Signals) -> tuple[Active, ...]:
 
 
 def column_of(structure: Structure, effect: str, drive: str, term: int) -> int:
-    """Column of a term of an effect, of a drive's own where it has one."""
+    """Return the column of an effect's term: that of the drive, where it has one."""
     columns = structure.columns_of(f'{effect}@{drive}') or structure.columns_of(effect)
     return columns[term]
 
 
 def share_of(effect: Effect, prepared: Prepared, drive: int) -> Floats:
-    """Factors [n] from the fitted coefficients of an effect to those of a drive."""
+    """Return factors [n] from the fitted coefficients of an effect to those of one drive."""
     if not prepared.whole or has_one_share(effect):
         return np.ones(len(effect.terms))
     return effect.factors(prepared.signals.scale)[drive]
 
 
 class WholeBuilder(DesignBuilder):
-    """Designs of the power of the robot: one column per coefficient, summed over the drives.
+    """Builder of designs of a robot's one meter: a column per coefficient, summed over drives.
 
     Coefficients are [1, m], and so are all sizes that are [D, m] for metered drives.
     """
@@ -101,7 +102,7 @@ class WholeBuilder(DesignBuilder):
         return power.sum(axis=1, keepdims=True)
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """Return the part of the robot's power at the point that its columns lack, W [N, 1]."""
+        """Return the part of the robot's power at a point that is not in columns, W [N, 1]."""
         power = self.prepared.reduced(self._seen(point.power))
         known: Floats = np.einsum('tdn,dn->td', columns, point.coefficients[:1])
         return power - known

@@ -30,7 +30,7 @@ _FORGOTTEN = 0.05  # share of each term's size that an older past may change
 
 
 def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
-    """Return the needs of an effect with this shape in drives of these names."""
+    """Return the needs of an effect with this shape in drives of these names, found by trial."""
     random = np.random.default_rng(0)
     given = {
         name: middle + spread * random.normal(size=(2, _ALL, len(names)))
@@ -91,20 +91,20 @@ _UNIT_SPREAD = 0.2
 
 @dataclass(frozen=True)
 class FittedValue:
-    """A fitted number with its 95 % interval."""
+    """Fitted number with its 95 % interval, in the unit of its term."""
 
     value: float
     interval: tuple[float, float]
     at_bound: Literal['', 'lower', 'upper'] = ''  # the catalogue's bound that it lies at
 
     def within(self, low: float, high: float) -> 'FittedValue':
-        """The value with another interval, widened to hold it."""
+        """Return the value with the interval [low, high], widened to hold the value."""
         return replace(self, interval=(min(low, self.value), max(high, self.value)))
 
 
 @dataclass(frozen=True)
 class DriveGroup:
-    """Drives that share coefficients."""
+    """Drives of a type, which share coefficients, with what was fitted to them."""
 
     type: DriveType
     coefficients: Mapping[str, tuple[FittedValue, ...]]  # by effect, one per term
@@ -125,7 +125,7 @@ class DriveGroup:
 
 @dataclass(frozen=True)
 class KnownDrives:
-    """Drives of some data that a model knows, with what it says of them."""
+    """Drives of a dataset that a model knows, with their coefficients."""
 
     columns: list[int]
     names: tuple[str, ...]
@@ -155,7 +155,7 @@ class EffectModel:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Return the names of the active effects."""
+        """Names of the active effects."""
         return self.structure.names
 
     @cached_property
@@ -164,7 +164,7 @@ class EffectModel:
         return self.needs_in([group.type.patterns[0] for group in self.groups] or ['drive'])
 
     def needs_in(self, names: Sequence[str]) -> Needs:
-        """Return what it needs in drives of these names, which users' effects may look at."""
+        """Return the needs in drives of these names; users' effects may depend on names."""
         parts = [needs_of(a.effect, a.parameters, names) for a in self.structure.actives]
         own = Needs({'torque': '', 'velocity': ''}, RATE, smooth=False)
         if self.base_model is not None:
@@ -173,7 +173,7 @@ class EffectModel:
 
     @property
     def fitted(self) -> bool:
-        """Return whether it has coefficients."""
+        """True if the model has coefficients."""
         return bool(self.groups)
 
     def predict(
@@ -185,9 +185,9 @@ class EffectModel:
     ) -> Singles:
         """Return the electrical power in W [T, D]; NaN for drives of no known type.
 
-        base is the base model's power on the same samples, where it is known already. carried
-        holds the memory of effects, of data that come block by block. InputError for a model that
-        is not fitted.
+        base: power of the base model on the same samples, W [T, D], where it is known already.
+        carried: memory of the effects, for data that come block by block. InputError for a model
+        that is not fitted.
         """
         result = np.full(data.torque.shape, np.nan, np.float32)
         seen = self._seen(data, base, carried)
@@ -203,7 +203,7 @@ class EffectModel:
         base: Floats | Singles | None = None,
         carried: Carried | None = None,
     ) -> dict[str, Floats]:
-        """Return the power by effect, and of the base model as `base`, W [T, D]; as `predict`."""
+        """Return power by effect, and of the base model as `base`, W [T, D]; else as `predict`."""
         seen = self._seen(data, base, carried)
         if seen is None:
             return {}
@@ -273,14 +273,17 @@ class EffectModel:
         return {}
 
     def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
-        """Return the coefficients of an effect; fixed ones have an interval of width 0."""
+        """Return a group's coefficients of an effect; fixed ones have an interval of width 0."""
         found = next(active for active in self.structure.actives if active.name == effect)
         if found.effect.fixed is not None:
             return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
         return group.coefficients[effect]
 
     def coefficients(self, members: Sequence[DriveGroup]) -> Floats:
-        """Return the coefficients of the effects [D, m]; what is of a recording stays behind."""
+        """Return the coefficients [D, m] of the effects for the group of each of D drives.
+
+        Coefficients that hold for the fitted recordings alone are 0.
+        """
         rows = [
             [
                 0.0 if term.of_recording else found.value
@@ -295,7 +298,7 @@ class EffectModel:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Values at a bound: `MOTOR_A copper_loss k (lower)`, `MOTOR_A power_gain (upper)`."""
+        """Coefficients at a bound, as `MOTOR_A copper_loss k (lower)`."""
         found: list[tuple[str, FittedValue]] = []
         for group in self.groups:
             kind = group.type.name
@@ -307,7 +310,7 @@ class EffectModel:
 
     @property
     def stranded(self) -> tuple[tuple[str, str, str], ...]:
-        """Effects where the one that they are a part of is 0: group, effect, and that one."""
+        """Effects that are part of one whose coefficients are 0: (group, effect, that one)."""
         parts = [a for a in self.structure.free if a.effect.part_of in self.effects]
         return tuple(
             (group.type.name, part.name, part.effect.part_of)
@@ -318,10 +321,11 @@ class EffectModel:
         )
 
     def as_prior(self) -> Prior:
-        """Return the coefficients that a drive like this one is expected to have.
+        """Return the coefficients of this model of one group as a prior for a drive like it.
 
-        Give or take half of the interval, and a fifth, by which drives of one make differ. What
-        stands at a bound, or is of a recording, is not expected anywhere.
+        Standard deviations combine half of the interval and a fifth, by which drives of one make
+        differ. They are infinite for what stands at a bound or holds for the fitted recordings
+        alone.
         """
         (group,) = self.groups
         return {
@@ -337,7 +341,7 @@ class EffectModel:
         }
 
     def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
-        """Return the model with these entries as its history."""
+        """Return the model with these entries as its whole history."""
         return replace(self, history=tuple(entries))
 
 

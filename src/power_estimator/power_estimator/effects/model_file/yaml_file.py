@@ -80,7 +80,7 @@ class _ModelContent:
 
 
 def write_model(model: EffectModel, path: Path) -> None:
-    """Write a model file, whole or not at all."""
+    """Write a model file, whole or not at all; RecordingError if it cannot be written."""
     content: dict[str, Any] = {'format': FORMAT, 'name': model.name}
     if model.base:
         content['base'] = model.base
@@ -149,7 +149,10 @@ def _number_out(value: float) -> float:
 
 
 def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
-    """Read a model file; InputError names the entry that is wrong and says why."""
+    """Read a model file; InputError names the entry that is wrong and says why.
+
+    catalogue: the effects that the file may name. A base model is not loaded.
+    """
     where = f'model {path}'
     content = parse(_ModelContent, _in_full(read_yaml(path, 'model'), where), where)
     structure = _structure(content, catalogue, where)

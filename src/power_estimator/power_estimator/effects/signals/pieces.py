@@ -15,12 +15,11 @@ _LEAST = 40.0  # s of each recording, that its delay and gain can be told
 
 
 def pieces(prepared: Prepared, most: float) -> Prepared:
-    """Return most seconds of the signals, in pieces of 12 s spread evenly over each recording.
+    """Return the signals cut to `most` s, in pieces of 12 s spread evenly over each recording.
 
     Recordings share the seconds: short ones stay whole, and none has less than 40 s for others.
-    What remembers (a winding's temperature) still follows all samples. Meters that are slow keep
-    all of theirs, operating points too. Where power was measured part of the time, seconds are
-    those.
+    What remembers (a winding's temperature) still follows all samples. Slow meters and operating
+    points are not cut. Where power was measured part of the time, seconds are those.
     """
     reducer = prepared.reducer
     total = sum(part.stop - part.start for part in reducer.slices)

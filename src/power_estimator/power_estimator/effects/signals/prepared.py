@@ -33,14 +33,14 @@ _RELATED = 0.8  # correlation of velocity and the rate of position, where one is
 
 @dataclass(frozen=True)
 class SignalPart:
-    """Samples of whole recordings that are used."""
+    """Places of the samples and rows that are used, of whole recordings."""
 
     samples: NDArray[np.intp]  # [T] at the input rate
     rows: NDArray[np.intp]  # [N] reduced
     count: int  # rows of all
 
     def everywhere(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Put values [N, …] at their rows of the whole recordings, NaN at all others."""
+        """Return values [N, …] at their rows of the whole recordings, NaN at all others."""
         out = np.full((self.count, *values.shape[1:]), np.nan, dtype=values.dtype)
         out[self.rows] = values
         return out
@@ -69,11 +69,11 @@ class Prepared:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """M meters: the drives, or the robot."""
+        """Names of the M meters: the drives, or the robot."""
         return (WHOLE,) if self.whole else self.signals.names
 
     def drive(self, index: int) -> 'Prepared':
-        """Signals and power of one drive, D = M = 1; not for whole robots."""
+        """Return signals and power of one drive, D = M = 1; not for whole robots."""
         return replace(
             self,
             signals=self.signals.drive(index),
@@ -85,39 +85,39 @@ class Prepared:
 
     @property
     def scale(self) -> DriveScale:
-        """Scale of the meters."""
+        """Scale of the metered drives, or of the robot."""
         return self.signals.scale.whole() if self.whole else self.signals.scale
 
     @property
     def steady(self) -> bool:
-        """Rows are operating points: independent, in no order and without time."""
+        """True if rows are operating points: independent, in no order and without time."""
         return self.reducer.steady
 
     @property
     def seconds(self) -> float:
-        """Length of the reduced signals; 0 of operating points."""
+        """Length of the reduced signals in s; 0 for operating points."""
         return 0.0 if self.steady else len(self.time) / REDUCED_RATE
 
     @property
     def extent(self) -> str:
-        """Length in words."""
+        """Length in words, such as `120 s` or `40 operating points`."""
         return self.extent_of(len(self.time))
 
     def extent_of(self, rows: int) -> str:
-        """Length of so many rows in words."""
+        """Return the length of a number of rows in words."""
         return f'{rows} operating points' if self.steady else f'{rows / REDUCED_RATE:.0f} s'
 
     @cached_property
     def measured(self) -> Bools:
-        """Mark where the power was measured [N, M]."""
+        """Mask of the rows whose power was measured [N, M]."""
         return np.asarray(np.isfinite(self.power).all(axis=0))
 
     @cached_property
     def resolved(self) -> Bools:
-        """[N, M] where the joint signals are sampled finely enough to multiply.
+        """Mask of rows whose joint signals are sampled finely enough to multiply [N, M].
 
         What torque·w does between two samples is of the size of torque·(second difference of w)
-        and w·(second difference of torque); where that is many times its usual size in motion (a
+        and w·(second difference of torque). Where that is many times its usual size in motion (a
         foot that lands), their product says little. At most a seventh of those rows are left out.
         """
         s = self.signals
@@ -132,11 +132,11 @@ class Prepared:
         return np.ones((len(fine), 1), dtype=bool) if self.whole else fine
 
     def unseen(self, copper: Floats) -> Floats:
-        """Power that passes between the samples of the joint signals unseen, W rms [M].
+        """Return the power that joint signals miss between their samples, W RMS [M].
 
-        What torque·w and copper·torque² (copper in W/(N·m)² [D]) have near half the sampling rate,
-        folded down: as much again, or less, folds down from the sampling rate itself, where
-        nobody sees it.
+        It is what torque·w and copper·torque² (copper in W/(N·m)² [D]) have near half the sampling
+        rate, folded down. As much again, or less, folds down from the sampling rate itself,
+        unseen.
         """
         s = self.signals
         sign = np.where(np.arange(len(s.torque)) % 2 == 0, 1.0, -1.0)[:, None]
@@ -153,7 +153,7 @@ class Prepared:
         return out
 
     def power_at(self, delay: float) -> Floats:
-        """Reduced power with its delay against the joint signals (s) taken out, W [N, D]."""
+        """Return the reduced power with its delay (s) to the joint signals taken out, W [N, M]."""
         place = np.clip((delay - self.shifts[0]) / SHIFT_STEP, 0.0, len(self.shifts) - 1.001)
         left = int(place)
         weight = place - left
@@ -162,11 +162,11 @@ class Prepared:
         )
 
     def reduced(self, values: Floats) -> Floats:
-        """Any input-rate signal, [T, ...] → [N, ...]."""
+        """Return a signal at the input rate [T, …], low-passed and decimated to [N, …]."""
         return self.reducer.reduce(values)
 
     def state(self) -> dict[str, Floats]:
-        """Reduced signals by name, [N, D], for showing where a model fails."""
+        """Return reduced joint signals by name, SI units [N, D], to show where a model fails."""
         s = self.signals
         return {
             name: self.reduced(values)
@@ -197,7 +197,10 @@ def _columns(values: Singles) -> Floats:
 def signals_of(
     data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
 ) -> Signals:
-    """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed."""
+    """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed.
+
+    scale: that of the reference drive by default.
+    """
     velocity, torque, position = (
         _columns(data.velocity),
         _columns(data.torque),
@@ -235,12 +238,11 @@ def signals_of(
 
 
 def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
-    """Correct, check and reduce the drives whose power was measured.
+    """Correct, check and reduce the drives whose power was measured, or the robot's supply.
 
-    window: s over which energy is compared, of meters that are slow; 0 for all others.
-
-    InputError for data without electrical measurements, with signals missing, or with units that
-    contradict each other.
+    window: s over which energy is compared, for slow meters; 0 for all others. InputError for data
+    without electrical measurements, with signals missing, or with units that contradict each
+    other.
     """
     drives = data.measured_drives()
     whole = not drives and bool(np.isfinite(data.supply).any())
@@ -294,7 +296,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
 
 
 def velocity_lag(data: AlignedDataset) -> Floats:
-    """Lag of each drive's velocity behind its position, s [D], from these two sensors alone.
+    """Return the lag of each drive's velocity behind its position, s [D], from these two alone.
 
     Regresses dq/dt − w on dw/dt below 12.5 Hz. InputError where velocity is not the rate of the
     position in the same unit.
@@ -328,9 +330,9 @@ def velocity_lag(data: AlignedDataset) -> Floats:
 
 
 def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
-    """Time derivative [T, D] inside each stretch by central differences.
+    """Return the time derivative [T, D] of values inside each stretch, by central differences.
 
-    These keep energy: the sum of w·dw telescopes however fast w changes.
+    rate: Hz. These differences keep energy: the sum of w·dw telescopes however fast w changes.
     """
     out = np.zeros_like(values)
     for part in stretches:

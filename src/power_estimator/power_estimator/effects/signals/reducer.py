@@ -20,10 +20,10 @@ _TOGETHER = 16  # outputs made by one matrix product
 
 @dataclass(frozen=True)
 class Reducer:
-    """Low-pass at 12.5 Hz and decimation, the same for every product and for the power.
+    """Low-pass at 12.5 Hz and decimation to 50 Hz, the same for every product and for the power.
 
-    With a window in s it is the mean over that window: energy, for meters that are slow. Steady
-    operating points are taken one by one.
+    With a window in s it is the mean over that window: energy, for slow meters. Steady operating
+    points are taken one by one.
     """
 
     rate: float
@@ -33,19 +33,19 @@ class Reducer:
 
     @property
     def factor(self) -> int:
-        """Input samples for each reduced one."""
+        """Number of input samples for each reduced one."""
         return 1 if self.steady else max(1, round(self.rate / REDUCED_RATE))
 
     @cached_property
     def margin(self) -> int:
-        """Input samples lost at each end of a stretch: filter and largest shift."""
+        """Number of input samples lost at each end of a stretch, to filter and largest shift."""
         if self.steady:
             return 0
         half = max(HALF_WIDTH, self.window / 2)
         return round(self.rate * (half + max(LATEST, -EARLIEST))) + 1
 
     def reduce(self, values: Floats | Singles, shift: float = 0.0) -> Floats:
-        """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
+        """Return values [T, …] low-passed at time t + shift (s), decimated to [N, …]."""
         if self.steady:
             return np.array(values, np.float64)
         taps = self._taps(shift)
@@ -72,7 +72,7 @@ class Reducer:
         return list(found.values())
 
     def centres(self) -> NDArray[np.intp]:
-        """Index of the input sample at the middle of each reduced one, [N]."""
+        """Return the index of the input sample at the middle of each reduced one, [N]."""
         return np.concatenate(
             [
                 part.start + self.margin + self.factor * np.arange(self._count(part))
@@ -82,7 +82,7 @@ class Reducer:
         )
 
     def stretches(self) -> list[slice]:
-        """Gap-free stretches of the reduced samples."""
+        """Return the gap-free stretches of the reduced samples, as slices of rows."""
         ends = np.cumsum([self._count(part) for part in self.slices]).tolist()
         return [slice(start, stop) for start, stop in itertools.pairwise([0, *ends])]
 

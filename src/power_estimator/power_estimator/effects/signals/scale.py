@@ -32,26 +32,26 @@ class DriveScale:
 
     @classmethod
     def reference(cls, drives: int) -> Self:
-        """Factors of 1."""
+        """Return factors of 1 for a number of drives."""
         one = np.ones(drives)
         return cls(one, one, one, one, one)
 
     @classmethod
     def stack(cls, drives: list[tuple[float, ...]]) -> Self:
-        """Stack the factors of each drive, in the order of the fields."""
+        """Return the scale of drives whose factors are given in the order of the fields."""
         table = np.array(drives, dtype=np.float64).reshape(-1, 5)
         return cls(*table.T)
 
     def of(self, drive: int) -> tuple[float, ...]:
-        """Factors of one drive, in the order of the fields."""
+        """Return the factors of one drive, in the order of the fields."""
         return tuple(float(values[drive]) for values in astuple(self))
 
     def take(self, drives: list[int]) -> Self:
-        """Factors of some drives, in that order."""
+        """Return the scale of some drives, in that order."""
         return type(self)(*(values[drives] for values in astuple(self)))
 
     def whole(self) -> Self:
-        """Scale [1] of the meter of a robot that has these drives, and the power of all."""
+        """Return the scale [1] of a robot's meter, which sees the power of all these drives."""
         return type(self)(
             self.torque.min(keepdims=True),
             self.speed.max(keepdims=True),
@@ -66,11 +66,11 @@ class DriveScale:
         return STANDSTILL * self.speed
 
     def factor(self, unit: str, *, of_sensor: bool = False) -> Floats:
-        """Factor [D] of a coefficient in an SI unit such as `W/(N·m)²` or `kg·m²`.
+        """Return the factor [D] of a coefficient in an SI unit such as `W/(N·m)²` or `kg·m²`.
 
         Torque in a numerator is a loss at the drive's speed (friction, inertia), so it grows with
-        power over speed; in a denominator, or of_sensor, it is the torque that is measured.
-        What is not named here (s, K, °C) is the same for all drives.
+        power over speed. In a denominator, or of_sensor, it is the torque that is measured. What
+        is not named here (s, K, °C) is the same for all drives.
         """
         lost = self.torque if of_sensor else self.power / self.speed
         text = unit.replace('N·m', 'Nm').replace('kg·m²', 'kgm2')
@@ -100,12 +100,13 @@ def scale_of(
     groups: Sequence[Sequence[int]],
     at_motor: Bools,
 ) -> DriveScale:
-    """Return the scale of D drives of a recording: N·m, rad/s and V [T, D], W [T, D] with NaN.
+    """Return the scale of D drives from torque, velocity, voltage and power [T, D] in SI units.
 
-    groups: columns of drives that are built alike and share the largest figures. Torque scales
-    down only where it visibly costs more copper loss than the reference drive could have: a
-    recording without load says nothing about the size of its drive. Where the power of a drive was
-    not measured, its torque alone says it.
+    power: NaN where unknown. groups: columns of drives that are built alike and share the largest
+    figures. Torque scales down only where it visibly costs more copper loss than the reference
+    drive could have: a recording without load says nothing about the size of its drive. Where
+    power was not measured, torque alone gives the scale. at_motor [D]: torque is a current times a
+    constant.
     """
     factors = np.ones((torque.shape[1], 5))
     for group in map(list, groups):

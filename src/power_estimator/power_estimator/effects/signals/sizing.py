@@ -15,7 +15,7 @@ _LEAST_SHOWN = 0.1  # of the power's spread, that a torque constant explains
 
 
 def with_torque(data: AlignedDataset, constants: Mapping[str, float]) -> AlignedDataset:
-    """Torque of the drives that have a current for it, by their constants in N·m/A."""
+    """Return data whose torque is current × constant (N·m/A) for the drives in `constants`."""
     if not constants:
         return data
     factors = np.array([constants.get(name, 1.0) for name in data.names], np.float32)
@@ -23,7 +23,7 @@ def with_torque(data: AlignedDataset, constants: Mapping[str, float]) -> Aligned
 
 
 def torque_constants(data: AlignedDataset) -> dict[str, float]:
-    """N·m/A of drives whose torque is a current, from the power that it makes with the speed.
+    """Return N·m/A of drives whose torque is a current, from the power that it makes with speed.
 
     Regresses P on i·w, i², |w| and 1; the power of a whole robot on those of all its drives.
     Drives that are alike share the mean. 1 for drives that do not turn enough to tell.
@@ -62,7 +62,7 @@ def _constants(data: AlignedDataset, drives: Sequence[int], power: Singles) -> d
 
 
 def drive_scale(data: AlignedDataset) -> DriveScale:
-    """Scale of the drives; those of a type share one."""
+    """Return the scale of the drives, from their signals; drives of a type share one."""
     alike = assign(data.names, infer_types(data.names)).values()
     at_motor = np.array([name in data.motor_torque for name in data.names], dtype=bool)
     given = (data.torque, data.velocity, data.voltage, data.power)

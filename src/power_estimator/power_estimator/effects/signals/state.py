@@ -14,7 +14,7 @@ from power_estimator.effects.signals.scale import DriveScale
 
 
 class Carried:
-    """States of effects with memory at each of the last samples.
+    """States of effects with memory at each of the last samples, for data that come in blocks.
 
     Blocks may overlap: an effect begins with its state at the last sample before the block's.
     """
@@ -25,22 +25,22 @@ class Carried:
 
     @property
     def used(self) -> bool:
-        """Return whether an effect has kept a state."""
+        """True if an effect has kept a state."""
         return bool(self._kept)
 
     @property
     def unknown(self) -> float:
-        """Largest share of a state that stems from before the first sample."""
+        """Largest share of a state that stems from before the first sample, 0 to 1."""
         return max(self._unknown.values(), default=0.0)
 
     def before(self, effect: Hashable, time: float) -> tuple[float, Floats] | None:
-        """Return the time (s) and the state of the last sample before a time, if there is one."""
+        """Return time (s) and state of an effect's last sample before a time, None without one."""
         times, states = self._kept.get(effect, (np.empty(0), np.empty(0)))
         row = int(np.searchsorted(times, time)) - 1
         return None if row < 0 else (float(times[row]), states[row])
 
     def keep(self, effect: Hashable, times: Floats, states: Floats, unknown: float) -> None:
-        """Keep the states [T, …] at these times in s [T], and their unknown share."""
+        """Keep states [T, …] at times s [T]; unknown: their share from before the first sample."""
         before = self.before(effect, float(times[0]))
         if before is not None:
             times = np.concatenate([[before[0]], times])
@@ -51,7 +51,7 @@ class Carried:
 
 @dataclass(frozen=True)
 class Past:
-    """All samples of recordings of which signals are a part, for what remembers."""
+    """All samples of the recordings that signals are pieces of, for effects with memory."""
 
     time: Floats  # s [P]
     segment: NDArray[np.int32]  # [P]
@@ -60,7 +60,7 @@ class Past:
     rows: NDArray[np.intp]  # [T], those that the signals have
 
     def stretches(self) -> list[slice]:
-        """The gap-free stretches, in order."""
+        """Return the gap-free stretches, in order, as slices of samples."""
         return _runs(self.segment)
 
 
@@ -74,27 +74,27 @@ class OtherDrives:
 
     @classmethod
     def of(cls, drawn: Floats) -> 'OtherDrives':
-        """Sum what drives draw, W [T, D]; negative where they return."""
+        """Return the sums over all drives of the power W [T, D], negative where they return it."""
         returned = np.maximum(0.0, -drawn).sum(axis=1, keepdims=True)
         total = drawn.sum(axis=1, keepdims=True)
         return cls(returned, total, np.broadcast_to(0.0, total.shape))
 
     def beside(self, own: Floats) -> 'OtherDrives':
-        """Leave out one of the drives, which draws so much, W [T, 1]."""
+        """Return the power beside one of the drives, which draws `own`, W [T, 1]."""
         return replace(self, _own=own)
 
     def rows(self, rows: NDArray[np.intp]) -> 'OtherDrives':
-        """Return the samples at rows."""
+        """Return the power at some rows [T] alone."""
         return OtherDrives(self._returned[rows], self._drawn[rows], self._own[rows])
 
     @property
     def returned(self) -> Floats:
-        """Power that the others return together."""
+        """Power that the others return together, W [T, 1]."""
         return self._returned - np.maximum(0.0, -self._own)
 
     @property
     def drawn(self) -> Floats:
-        """Power that the others draw together, less what they return."""
+        """Power that the others draw together, less what they return, W [T, 1]."""
         return self._drawn - self._own
 
 
@@ -135,14 +135,14 @@ class Signals:
     steady: bool = False  # each row is an operating point: nothing changes, and nothing was before
 
     def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
-        """Samples at rows, as pieces numbered anew by segment, with all before them as past."""
+        """Return the samples at rows, in pieces numbered by segment [T], all samples as past."""
         past = Past(self.time, self.segment, self.recording, self.torque, rows)
         arrays = self._each_array(lambda values: values[rows])
         others = self.others and self.others.rows(rows)
         return replace(self, **arrays | {'segment': segment, 'past': past, 'others': others})
 
     def drive(self, index: int) -> 'Signals':
-        """The signals of one drive, D = 1; fields that are one array stay one."""
+        """Return the signals of one drive, D = 1; `others` is then the power beside it."""
         past = self.past
         if past is not None:
             past = replace(past, torque=np.ascontiguousarray(past.torque[:, index : index + 1]))
@@ -181,11 +181,11 @@ class Signals:
         return found
 
     def stretches(self) -> list[slice]:
-        """The gap-free stretches, in order."""
+        """Return the gap-free stretches, in order, as slices of samples."""
         return _runs(self.segment)
 
     def by_recording(self) -> list[slice]:
-        """Rows of each recording, in order."""
+        """Return the samples of each recording, in order, as slices."""
         return _runs(self.recording)
 
 
