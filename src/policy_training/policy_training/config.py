@@ -215,7 +215,7 @@ class TrainingConfig:
         return parse(cls, read_yaml(path, 'config'), f'config {path}')
 
     def with_values(self, changes: Mapping[str, Any]) -> 'TrainingConfig':
-        """Return the config with values by dotted name: `{'power.weight': 8e-4, 'seed': 2}`."""
+        """Return the config with values by dotted name (`power.weight`); InputError for others."""
         content = self.content()
         for name, value in changes.items():
             *sections, key = name.split('.')
@@ -231,7 +231,7 @@ class TrainingConfig:
         return parse(type(self), content, 'config')
 
     def content(self) -> dict[str, Any]:
-        """Return keys and values as a file holds them."""
+        """Return keys and values as nested dicts, as a file has them."""
         content: dict[str, Any] = asdict(self)  # type: ignore[call-overload]
         return content
 

@@ -46,7 +46,7 @@ class MeasuringDevice:
 
 
 def open_device(given: DeviceParameters, queue: SampleQueue, log: LogTarget) -> MeasuringDevice:
-    """Declare the parameters and return the device that they ask for; InputError for bad ones."""
+    """Declare the parameters and return the device that they name; InputError for bad ones."""
     interface = given.text(
         'interface', 'socketcan', 'python-can interface, unixsocket, or ethercat'
     )

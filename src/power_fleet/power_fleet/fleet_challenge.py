@@ -27,7 +27,7 @@ _WEEK = 7.0
 
 @dataclass(frozen=True)
 class FleetChallenge:
-    """Plans of the robots, and the course that is hidden in one drive of one of them."""
+    """Histories of two simulated robots, and the change hidden in one drive of one of them."""
 
     plans: tuple[AgeingPlan, ...]
     kind: str
@@ -36,7 +36,7 @@ class FleetChallenge:
     course: WearCourse | None = None
 
     def answer(self) -> dict[str, Any]:
-        """The answer in words and numbers."""
+        """Return the answer as JSON-compatible values."""
         answer: dict[str, Any] = {'fleet': True, 'kind': self.kind, 'hidden': []}
         if self.course is not None:
             days = [day.day for day in self.plans[self.robot].days]
@@ -56,11 +56,12 @@ class FleetChallenge:
 def draw_fleet(
     seed: int, recordings: int, seconds: float, drives: tuple[str, ...] = JOINT_NAMES
 ) -> FleetChallenge:
-    """Draw two robots of so many recordings in all, half of which change by weather alone.
+    """Draw the histories of two robots from a seed; in half of the draws no drive changes.
 
-    They lack a week at some date. Else one effect of a drive grows by 25 to 60 %, or a current
-    sensor's gain moves by 3 to 6 % or its offset by 20 to 40 mA, at once or slowly. InputError for
-    fewer than 8 recordings of each robot.
+    recordings: of both robots together; seconds: of each. One week of the history has none. In the
+    other half one effect of a drive grows by 25 to 60 %, or a current sensor changes: its gain by
+    3 to 6 %, or its offset by 20 to 40 mA, at once or slowly. InputError for fewer than 8
+    recordings of each robot.
     """
     if recordings < 2 * LEAST_RECORDINGS:
         least = 2 * LEAST_RECORDINGS

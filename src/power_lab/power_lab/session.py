@@ -50,10 +50,10 @@ class Session:
         settings: JudgeSettings | None = None,
         **how: Any,
     ) -> 'Session':
-        """Read recordings; InputError for those that say nothing.
+        """Read recordings; InputError for those that cannot be read or judged.
 
         effects_path: files of the user's own effects, which are run; settings: of fits and folds;
-        how: as in `load`.
+        how: arguments of `power_estimator.judge.recordings.load`, such as drives.
         """
         paths = [Path(recording) for recording in recordings]
         check_recordings(paths)
@@ -67,14 +67,14 @@ class Session:
 
     @property
     def model(self) -> PowerModel:
-        """The model as it is; InputError before there is one."""
+        """Model that is worked on; InputError before there is one."""
         if self.given is None:
             raise InputError('there is no model yet; fit or load one first')
         return self.given
 
     @property
     def effects(self) -> EffectModel:
-        """The model of effects; InputError for a network or a proxy."""
+        """Model that is worked on, if made of effects; InputError for a network or a proxy."""
         model = self.model
         if not isinstance(model, EffectModel):
             raise InputError(f'{model.name} is not made of effects; fit them on it as a base')
@@ -82,19 +82,19 @@ class Session:
 
     @cached_property
     def score(self) -> JudgedModel:
-        """The model's held-out errors."""
+        """Held-out errors of the model; InputError where no sample can be judged."""
         return self.judge.score(self.model)
 
     def load(self, spec: str) -> 'Session':
-        """Take a model by file or name."""
+        """Load a model: a file, `ppn:RUN` or the name of a proxy; InputError for another."""
         return replace(self, given=load_model(spec, self.judge.catalogue), spec=spec)
 
     def fit(self, effects: str | Sequence[str], *, name: str = 'model', **how: Any) -> 'Session':
-        """Fit a model of effects from nothing; how: as in `fitted`."""
+        """Fit a model of effects from nothing; how: base, per, seed, prior as in `fitted`."""
         return self._with(fitted(self.judge, self._named(effects), name, **how))
 
     def add(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
-        """Add effects to the model and fit all anew; how: as in `refitted`."""
+        """Add effects to the model and refit all; how: per, seed. InputError for one it has."""
         model, new = self.effects, self._named(effects)
         for active in new:
             if active.name in model.effects:
@@ -102,7 +102,7 @@ class Session:
         return self._with(extended(self.judge, model, new, name or model.name, **how))
 
     def remove(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
-        """Take effects out of the model and fit the others anew; how: as in `refitted`."""
+        """Remove effects from the model and refit; how: per, seed. InputError for one it lacks."""
         model, gone = self.effects, [active.name for active in self._named(effects)]
         for effect in gone:
             if effect not in model.effects:
@@ -114,7 +114,7 @@ class Session:
         return self._with(less.with_history(*model.history, *less.history))
 
     def compare(self, *specs: str) -> Comparison:
-        """Compare the model, where there is one, with others by file or name."""
+        """Compare the model, if there is one, with others: files, `ppn:RUN` or proxies by name."""
         others = [load_model(spec, self.judge.catalogue) for spec in specs]
         own = [] if self.given is None else [self.given]
         return comparison(
@@ -128,10 +128,10 @@ class Session:
         seed: int = 0,
         first: Callable[[Budget], None] | None = None,
     ) -> Budget:
-        """Account for the metered power by effect, drive and phase, by the model or a chosen one.
+        """Split the metered power by effect, drive and phase, by the model or an automatic one.
 
-        changes: factors by lever, in place of 10 % of each; battery: Wh; first: takes a first
-        look, which has no intervals, levers and error, before these are worked out.
+        changes: factor by lever, by default 10 % of each; battery: Wh; first: takes a preliminary
+        budget without intervals, levers and error before these are computed.
         """
         if self.given is None:
             model = chosen_model(judge_of_pieces(self.judge), seed)
@@ -147,7 +147,7 @@ class Session:
     def diagnose(
         self, seed: int = 0, show: Callable[[str], None] = lambda text: None
     ) -> 'Outcome':
-        """Find the effects that the model misses; show takes what is being done."""
+        """Find the effects that the model misses; show: takes texts of progress."""
         from power_lab.diagnose.outcome import diagnose  # slow to import: the judge
 
         spec = self.spec or self.model.name
@@ -164,13 +164,13 @@ class Session:
         return discover(self.judge, self.model, spec, test, show, seed)
 
     def stairs(self) -> Stairs:
-        """Errors of the steps by which the model came about."""
+        """Held-out errors of the steps by which the model was built."""
         return Stairs.of(
             self.effects.history, [self.score], self.recordings, self.judge.prepared.noise
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write the model of effects to a file."""
+        """Write the model of effects to a file; return its path."""
         write_model(self.effects, Path(path))
         return Path(path)
 

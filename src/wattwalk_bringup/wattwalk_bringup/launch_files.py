@@ -20,7 +20,7 @@ class NodeFailedError(Exception):
 
 
 def launch_description(name: str) -> Any:
-    """Return the launch description of shipped settings, each of which is an argument."""
+    """Return the launch description of shipped settings, `sim` or `robot`; each is an argument."""
     from launch import LaunchDescription  # on ROS 2 alone
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
 

@@ -89,7 +89,7 @@ class RunningNode:
         self._unread: list[str] = []
 
     def update(self) -> list[str]:
-        """Look at the process; return the lines of its log since the last update."""
+        """Update state and share of a core; return the lines of its log since the last update."""
         self._look()
         lines, self._unread = self._unread, []
         return lines
@@ -112,7 +112,7 @@ class RunningNode:
         self._unread += self.log.rest()
 
     def begin_end(self) -> None:
-        """Ask the node to end."""
+        """Interrupt the node with SIGINT, if it runs."""
         if self.process.running:
             self.state, self.since = 'ending', time.monotonic()
             self.process.interrupt()
@@ -129,7 +129,7 @@ class RunningNode:
 class NodeGroup:
     """Nodes that are started together and end together, the policy runner first.
 
-    look: called several times a second while nodes end.
+    folder: of their logs. InputError for a package that is not installed, before any is started.
     """
 
     def __init__(self, commands: Sequence[NodeCommand], folder: Path) -> None:
@@ -154,7 +154,7 @@ class NodeGroup:
         return [text for node in self.nodes if (text := node.failure()) is not None]
 
     def end(self, look: Callable[[], None]) -> None:
-        """End all nodes, within 48 s."""
+        """End all nodes, within 48 s; look: called several times a second meanwhile."""
         for stage in self._stages():
             for node in stage:
                 node.begin_end()

@@ -24,7 +24,7 @@ Value = bool | int | float | str
 
 @dataclass(frozen=True)
 class NodeCommand:
-    """An executable of a package under its name in the bring-up, and what it is told."""
+    """Executable of a package, the node's name, and its arguments, parameters and remappings."""
 
     name: str
     package: str

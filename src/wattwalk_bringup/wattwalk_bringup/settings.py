@@ -32,7 +32,7 @@ class About:
 
 @schema
 class BringupSettings:
-    """The robot, the nodes brought up for it and what each is told.
+    """Settings of a bring-up: the robot, its nodes and their options; InputError for bad ones.
 
     parameters and arguments: added to those that follow from the other settings, by node.
     """
@@ -125,7 +125,7 @@ class BringupSettings:
         return cls(**read_yaml(FOLDER / f'{name}.yaml', 'bring-up'))
 
     def changed(self, given: Mapping[str, str]) -> Self:
-        """Return the settings with others by name, as text; InputError for a bad value."""
+        """Return the settings with values given as text, by name; InputError for a bad value."""
         hints = typing.get_type_hints(type(self), include_extras=True)
         values: dict[str, Any] = {
             name: _value(name, hints[name], text) for name, text in given.items()
@@ -144,7 +144,7 @@ class Argument:
 
 
 def arguments(robot: Robot | None = None) -> Iterator[Argument]:
-    """Return the settings that may be arguments, all or those of one robot."""
+    """Yield the settings that may be given as arguments, of both robots or of one."""
     for name, hint in typing.get_type_hints(BringupSettings, include_extras=True).items():
         for note in getattr(hint, '__metadata__', ()):
             if isinstance(note, About) and (robot is None or note.of in (None, robot)):
@@ -157,7 +157,7 @@ def _choices(hint: Any) -> tuple[str, ...]:
 
 
 def as_text(value: bool | float | str) -> str:
-    """Return a setting as arguments have it."""
+    """Format a setting as an argument: `true`, `0.5`, or `none` for an empty text."""
     if isinstance(value, bool):
         return str(value).lower()
     return (value or NONE) if isinstance(value, str) else f'{value:g}'

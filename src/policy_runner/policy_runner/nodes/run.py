@@ -29,7 +29,7 @@ _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class PolicyRunner(Node):
-    """Node of a supervisor at a fixed rate, with topics as input and output."""
+    """Runs a policy at a fixed rate under a supervisor; InputError for bad parameters."""
 
     def __init__(self, options: Options) -> None:
         super().__init__('policy_runner')

@@ -48,7 +48,7 @@ class Options:
             raise InputError(f'--seed is {self.seed}; give 0 or more')
 
     def declared(self, given: 'DeviceParameters') -> 'Options':
-        """Return the options by the parameters of a node, whose defaults are these."""
+        """Declare the options as parameters of a node, these as defaults; return those set."""
         return Options(
             self.policy,
             given.flag('start', self.start, ABOUT['start']),
@@ -60,7 +60,7 @@ class Options:
         )
 
     def source(self) -> Callable[[float], Floats] | None:
-        """Return velocity commands by time since walking began; None for those of cmd_vel."""
+        """Return velocity commands by s of walking; None for cmd_vel. InputError if malformed."""
         if self.random_commands:
             return RandomCommands(max(self.seed, 0))
         return None if self.velocity is None else SteadyCommand.parse(self.velocity)

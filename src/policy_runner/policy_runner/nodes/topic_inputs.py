@@ -15,7 +15,7 @@ _SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class TopicInputs:
-    """Newest joint_states, imu, odom and cmd_vel; now gives the node's time in s."""
+    """Reads the newest joint_states, imu, odom and cmd_vel into inputs; now: node's time, s."""
 
     def __init__(self, node: Node, inputs: Inputs, now: Callable[[], float]) -> None:
         self._inputs, self._now = inputs, now
@@ -25,7 +25,7 @@ class TopicInputs:
         self._command = PolledTopic[TwistStamped](node, TwistStamped, 'cmd_vel', _SENSORS)
 
     def take(self) -> None:
-        """Take what has come; its time of arrival is now."""
+        """Put the newest message of each topic into the inputs, as having arrived now."""
         for buffer, take in (
             (self._joints, self._on_joints),
             (self._imu, self._on_imu),

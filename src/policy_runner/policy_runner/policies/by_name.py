@@ -29,10 +29,10 @@ class Policy(Protocol):
     ramp: float
 
     def reset(self) -> None:
-        """Reset before activation."""
+        """Reset; the next step begins to stand up from the measured pose."""
 
     def take_over(self) -> float:
-        """Reset on a standing robot; return the s for which it takes no commands."""
+        """Reset on a standing robot; return the s during which the policy takes no commands."""
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
@@ -41,7 +41,7 @@ class Policy(Protocol):
 
 
 class TrotPolicy:
-    """The scripted trot as a policy."""
+    """Scripted trot with the interface of a policy."""
 
     rate = 200.0
 
@@ -50,18 +50,18 @@ class TrotPolicy:
         self.ramp = trot.config.ramp
 
     def reset(self) -> None:
-        """Reset."""
+        """Reset; the next step begins to stand up from the measured pose."""
         self._trot.reset()
 
     def take_over(self) -> float:
-        """Reset; it ramps in from any pose."""
+        """Reset; return the s of the ramp from the present pose to standing."""
         self._trot.reset()
         return self.ramp
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
-        """Return joint targets, rad [12]."""
+        """Return joint targets, rad [12], as `Policy.step`."""
         return self._trot.step(
             time, command, inputs.position, inputs.gravity, inputs.spin, base_velocity
         )

@@ -118,7 +118,7 @@ def write_folder(folder: Path, contract: Contract, tensors: Tensors) -> None:
 
 
 def read_folder(folder: Path) -> tuple[Contract, dict[str, Singles]]:
-    """Read and check a policy; InputError of one line names the folder and the entry."""
+    """Read contract and tensors by name; InputError of one line names folder and entry."""
     contract = read(Contract, folder / CARD, 'policy')
     weights = read_tensors(folder / WEIGHTS, 'policy')
     try:

@@ -34,7 +34,7 @@ class Inputs:
     command_time: float = NEVER
     command: Floats = field(default_factory=lambda: np.zeros(3))  # m/s, m/s, rad/s
     complaints: dict[str, str] = field(default_factory=dict)
-    needed: tuple[str, ...] = ('joint_states', 'imu')  # topics that must not fall silent
+    needed: tuple[str, ...] = ('joint_states', 'imu')  # topics that must keep coming
     _stamps: dict[str, int] = field(default_factory=dict)
     _order: tuple[tuple[str, ...], NDArray[np.intp]] | None = None
 

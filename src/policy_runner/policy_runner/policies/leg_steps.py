@@ -121,7 +121,7 @@ def stance_steps(
     error: Floats,
     torque: Floats,
 ) -> None:
-    """Write joint torques of stance legs, N·m [4, 3]; see `trot_gait.stance_torque`.
+    """Write joint torques of stance legs, N·m [4, 3]; see `trot.stance_torque`.
 
     gains [6]: height, tilt, tilt_rate, velocity, yaw, and the commanded height, m. weight: N;
     radius: of a foot, m.

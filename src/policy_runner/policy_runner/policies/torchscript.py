@@ -61,7 +61,7 @@ def load_torchscript(file: Path, *, trust_code: bool = False) -> LearnedPolicy:
 
 
 def write_torchscript(folder: Path, file: Path) -> Path:
-    """Write the network of a policy as TorchScript [N, size] → [N, 12]; return its contract.
+    """Write a policy's network as TorchScript [N, size] → [N, 12]; return the contract's path.
 
     The contract NAME.yaml beside NAME.pt says how observations are made and what actions mean.
     InputError names what is wrong in the folder.

@@ -14,7 +14,7 @@ from policy_runner.policies.trot import TARGET_LIMITS
 
 
 class FaultKind(Enum):
-    """Reasons for damping."""
+    """Kinds of faults for which the drives are damped."""
 
     STALE = 'stale input'
     MALFORMED = 'malformed input'
@@ -30,7 +30,7 @@ class FaultKind(Enum):
 
 @dataclass(frozen=True)
 class Fault:
-    """Reason for damping with its figures."""
+    """Fault for which the drives are damped; detail: its figures in words."""
 
     kind: FaultKind
     detail: str
@@ -66,7 +66,7 @@ class SafetyConfig:
 
 
 class SafetyMonitor:
-    """Monitor of inputs and targets for faults that require damping."""
+    """Checks inputs and targets for faults that require damping."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class SafetyMonitor:
         self._target_limits, self._names = target_limits, tuple(names)
 
     def inputs(self, inputs: Inputs, now: float) -> Fault | None:
-        """Return the first fault of measurements or commands, None if there is none."""
+        """Return the first fault of measurements or commands at time now, s; None without one."""
         return next(self._input_faults(inputs, now), None)
 
     def _input_faults(self, inputs: Inputs, now: float) -> Iterator[Fault]:
@@ -122,7 +122,7 @@ class SafetyMonitor:
             )
 
     def targets(self, targets: Floats) -> Fault | None:
-        """Return the fault of a policy's targets, None if they may be limited and sent."""
+        """Return the fault of a policy's targets, rad [D]; None if they may be sent."""
         if np.shape(targets) != self._low.shape or not np.isfinite(targets).all():
             return Fault(FaultKind.NOT_FINITE, f'joint targets {np.asarray(targets).tolist()}')
         low, high = self._target_limits.T
@@ -138,7 +138,7 @@ class SafetyMonitor:
 
 
 class TargetLimiter:
-    """Limiter of targets in range and rate of change."""
+    """Limits targets in range and in rate of change."""
 
     def __init__(self, rate: float, limits: Floats = TARGET_LIMITS) -> None:
         """rate: rad/s; limits: rad [D, 2]."""

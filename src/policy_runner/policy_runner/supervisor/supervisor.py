@@ -24,9 +24,9 @@ FADE: Final = 0.4  # s to go over from the targets of one to those of the other
 
 
 class Handover:
-    """Handover by a zero command until the robot stands, then a fade between the targets.
+    """Change of policy: a zero command until the robot stands, then a fade between targets.
 
-    It begins at time `now`, s; until it is done no commands are taken.
+    It begins at time `now`, s; until it is done no velocity commands are taken.
     """
 
     def __init__(self, old: Policy, new: Policy, now: float) -> None:
@@ -42,7 +42,7 @@ class Handover:
         return taken is not None and now - taken >= max(FADE, self._waiting)
 
     def step(self, now: float, inputs: Inputs, velocity: Floats | None) -> Floats:
-        """Return joint targets, rad [12]."""
+        """Return joint targets, rad [12]; now: s; velocity: of the base, m/s [3], or None."""
         still = np.zeros(3)
         if self._taken_over is None and now - self._began >= SETTLE:
             self._taken_over = now
@@ -118,7 +118,7 @@ class Supervisor:
         return str(self.fault) if self.fault is not None else self.state.value
 
     def start(self, now: float) -> tuple[bool, str]:
-        """Stand up and run if the inputs are sound; return whether it does, and the reason."""
+        """Stand up and run if the inputs are sound; return whether it does, and why. now: s."""
         if self.state in (State.STANDING_UP, State.RUNNING):
             return True, f'already {self.state.value}'
         if self.fault is not None and self.fault.kind is FaultKind.EMERGENCY_STOP:
@@ -159,8 +159,8 @@ class Supervisor:
     def update(self, now: float) -> SupervisorOutput | None:
         """Take one step at time now, s; None while there is nothing to send.
 
-        A step that itself comes late, after a stall of this process, cannot tell a silent robot
-        from messages that wait to be read: staleness is then judged by the next one.
+        A step that itself comes late, after a stall of this process, cannot tell lost input from
+        messages that wait to be read: staleness is then judged by the next one.
         """
         fault = self._monitor.inputs(self.inputs, now)
         late = now - self._updated > 0.5 * self._config.stale_after

@@ -20,7 +20,7 @@ DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it 
 
 
 class VelocityCommands:
-    """Random velocity commands."""
+    """Random commands of N robots, `values` [N, 3]: vx and vy in m/s, yaw rate in rad/s."""
 
     def __init__(self, config: CommandConfig, count: int, random: np.random.Generator) -> None:
         self._config = config
@@ -29,7 +29,7 @@ class VelocityCommands:
         self.values = np.zeros((count, 3))
 
     def draw(self, ids: NDArray[np.intp]) -> None:
-        """Draw commands of some robots: along one axis, along all, or to stand still."""
+        """Draw commands of the robots of these indices: along one axis, all axes, or standing."""
         c, random, count = self._config, self._random, len(ids)
         values = random.uniform(-self._top, self._top, (count, 3))
         kind = random.uniform(size=count)
@@ -61,10 +61,9 @@ class StepOutcome:
 class WalkingEnvironment:
     """N robots that are rewarded for following velocity commands.
 
-    power: watts per drive for the power term, or None. The weight of the power term
-    follows `steps`, the number of policy steps done so far.
-    observation: that of the policy; the config's if None. Observations and tracking rewards are
-    of the rate-limited commands (`limiter`).
+    power: source of the drives' power for the power term, or None. The weight of that term follows
+    `steps`, the number of policy steps done so far. observation: that of the policy; the config's
+    if None. Observations and tracking rewards are of the rate-limited commands (`limiter`).
     """
 
     def __init__(
@@ -103,7 +102,7 @@ class WalkingEnvironment:
 
     @property
     def walking(self) -> Bools:
-        """True where the command asks for motion [N]."""
+        """True where the command is to move [N]."""
         # a command that reverses crosses zero only in the limited one, so both count
         both = np.stack([self.limiter.values, self.commands.values])
         return np.asarray((np.linalg.norm(both, axis=2) >= DEAD_ZONE).any(axis=0))
@@ -138,7 +137,7 @@ class WalkingEnvironment:
         )
 
     def step(self, actions: NDArray[np.floating]) -> StepOutcome:
-        """Take one step; targets are the default pose plus scaled actions [N, 12]."""
+        """Simulate one policy step; targets are the default pose plus scaled actions [N, 12]."""
         action = np.clip(np.asarray(actions, np.float64), -ACTION_CLIP, ACTION_CLIP)
         motion = self.robots.step(DEFAULT_POSE + self.config.action_scale * action)
         self.age += 1
@@ -196,7 +195,7 @@ class WalkingEnvironment:
         return np.asarray(fresh | pushed)
 
     def push(self, ids: NDArray[np.intp]) -> None:
-        """Push the robots of these indices."""
+        """Add random horizontal velocities to the robots of these indices."""
         self.robots.push(ids)
         self.motion = self.robots.motion(self.motion.torque)
 

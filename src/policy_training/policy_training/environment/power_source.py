@@ -52,7 +52,7 @@ PLANT: Final = 'plant'  # in place of a model: what the plant's own circuit draw
 
 
 class PredictedPower:
-    """Power by a model, with one instance of it for each drive; 0 W during its warm-up."""
+    """Power of the drives by a model, W; 0 during the model's warm-up."""
 
     def __init__(self, model: BatchPower) -> None:
         self._model = model
@@ -80,7 +80,7 @@ PowerSource = PlantPower | PredictedPower  # watts of each drive of N robots
 
 
 def power_source(config: TrainingConfig) -> PowerSource | None:
-    """Return what tells a config's robots their watts; None without a power term."""
+    """Return the power source that a config names; None without one, InputError for a bad name."""
     spec, physics = config.power.model, config.physics
     if not spec:
         return None

@@ -98,7 +98,7 @@ REWARDS: Final[Mapping[str, Callable[[RewardState], Floats]]] = MappingProxyType
 
 
 class FootClock:
-    """Time in the air of each foot."""
+    """Time in the air of each foot of N robots; step: s; target: s in the air to reach."""
 
     def __init__(self, count: int, step: float, target: float) -> None:
         self._step, self._target = step, target
@@ -135,7 +135,7 @@ class Rewards:
         self._weights = {name: weight for name, weight in weights.items() if weight}
 
     def terms(self, state: RewardState) -> dict[str, Floats]:
-        """Return rewards times nonzero weights [N]."""
+        """Return each reward times its weight, by name [N]; those of weight 0 are left out."""
         return {name: weight * REWARDS[name](state) for name, weight in self._weights.items()}
 
     def total(self, terms: dict[str, Floats]) -> Floats:

@@ -25,13 +25,13 @@ _RIGID: Final = 4000.0  # N·m/rad, of a drive without a spring
 
 
 class BatchDrives:
-    """N robots' drives, [N, 12] each.
+    """Drives of N robots; arrays are [N, 12].
 
-    What a spring hands to its joint in a time step depends on where the joint goes meanwhile.
-    The part of its torque that grows with the joint's speed is therefore left to the rigid
-    bodies as `joint_damping`, which MuJoCo steps implicitly: so the two neither chatter nor feed
-    energy in, though the step is long for a light shank on a spring of up to some 400 N·m/rad. A
-    drive without a spring has a stiff one here, which may ring, and dies down.
+    What a spring hands to its joint in a time step depends on where the joint goes meanwhile. The
+    part of its torque that grows with the joint's speed is therefore left to the rigid bodies as
+    `joint_damping`, which MuJoCo steps implicitly: so the two neither chatter nor feed energy in,
+    though the step is long for a light shank on a spring of up to some 400 N·m/rad. A drive
+    without a spring has a stiff one here, which may ring, and dies down.
     """
 
     def __init__(
@@ -98,14 +98,14 @@ class BatchDrives:
         self._drives.reset(np.ravel(pose), which.ravel())
 
     def aim(self, targets: Floats) -> None:
-        """Send targets, rad, which each robot's drives follow after their delay."""
+        """Send targets, rad [N, 12], which each robot's drives follow after their delay."""
         self.commanded[:] = targets
 
     def push(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Advance the rotors by one time step, with joints at positions, rad, and speeds, rad/s.
+        """Advance the rotors by one time step; joints are at positions, rad, and speeds, rad/s.
 
-        Returns the mean torque of the motors and, less what `joint_damping` makes of the joint's
-        speed after the step, that on the joints, both N·m.
+        Arrays are [N, 12]. Returns two torques in N·m: the motors' mean, and the joints' without
+        the part that the rigid bodies add, −`joint_damping` times the joint speed after the step.
         """
         self._sent[self._steps % len(self._sent)] = self.commanded
         arrived = (self._steps - self._delay) % len(self._sent)
@@ -127,7 +127,7 @@ class BatchDrives:
         return (motor * share).reshape(position.shape), self._given
 
     def output(self, after: Floats) -> Floats:
-        """Return the joint torque of the last time step, N·m, given the speeds after it, rad/s."""
+        """Return joint torques of the last step, N·m [N, 12], given the speeds after it, rad/s."""
         return self._given - self.joint_damping * after
 
 
@@ -153,7 +153,7 @@ def add_planes(spec: mujoco.MjSpec, friction: float) -> None:
 
 
 class Ground:
-    """Planes of all robots of a batch, moved under the feet by `follow`."""
+    """Planes under the feet of all robots, which `follow` moves with the feet."""
 
     def __init__(self, terrain: Terrain, model: mujoco.MjModel, batch: Batch) -> None:
         self.relief = Relief(terrain)
@@ -233,7 +233,7 @@ class RobotMotion:
     gravity: Floats  # unit vector [N, 3], base frame
     position: Floats  # rad [N, 12]
     joint_velocity: Floats  # rad/s [N, 12]
-    torque: Floats  # N·m [N, 12], on the joints, mean of squares over the step, rooted
+    torque: Floats  # N·m [N, 12], on the joints, rms over the step
     foot_force: Floats  # N [N, 4], upwards
     collisions: Floats  # thighs and shanks on the ground [N]
     fallen: Bools  # [N]
@@ -353,7 +353,7 @@ class Robots:
         return self.motion(np.sqrt(squares / self.decimation))
 
     def motion(self, torque: Floats | None = None) -> RobotMotion:
-        """Return the present state; torque: as in RobotMotion, 0 if None."""
+        """Return the present state; torque: N·m [N, 12], as in RobotMotion, 0 if None."""
         qpos, qvel = self._qpos, self._qvel
         attitude = qpos[:, 3:7]
         gravity = into_base(attitude, np.broadcast_to(_DOWN, (self.count, 3)))

@@ -37,7 +37,7 @@ _AXES = ('vx', 'vy', 'yaw')
 
 
 def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> list[str]:
-    """Return a sentence per policy and task, and one per policy on its robustness."""
+    """Return sentences that compare each policy with the first, by task, and on robustness."""
     names = list(dict.fromkeys(entry['name'] for entry in entries))
     sentences = []
     for name in names[1:]:
@@ -221,7 +221,11 @@ def evaluate(
     options: argparse.Namespace,
     recorded: Sequence[MeasuredWalk] = (),
 ) -> tuple[dict[str, Any], dict[str, dict[str, Cycle]]]:
-    """Return the content of the JSON, and gait cycles by task and policy."""
+    """Evaluate policies on tasks; return the JSON's content, and gait cycles by task and policy.
+
+    sources: names or folders of policies by short name; models: power models by name; options:
+    those of the command; recorded: walks that were measured on running nodes.
+    """
     entries: list[dict[str, Any]] = []
     cycles: dict[str, dict[str, Cycle]] = {}
     trials: dict[str, Any] = {}

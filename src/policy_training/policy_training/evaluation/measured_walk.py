@@ -77,7 +77,7 @@ def measure_walk(
 def walk_of(
     recording: Recording, policy: str, task: Task, *, falls: int, mass: float
 ) -> MeasuredWalk:
-    """Return the walk of a recording; mass: of the robot, kg."""
+    """Measure the walk in a recording; falls: counted elsewhere; mass: of the robot, kg."""
     data = align(recording)
     raw = align(recording, rate=RAW_RATE, smooth=False)
     velocity, raw_velocity = _velocity(recording, data.time), _velocity(recording, raw.time)

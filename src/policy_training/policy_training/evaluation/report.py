@@ -215,7 +215,7 @@ def write_report(
     cycles: Mapping[str, Mapping[str, Cycle]],
     curves: Mapping[str, Sequence[Mapping[str, float]]],
 ) -> None:
-    """Write the page of an evaluation.
+    """Write the HTML page of an evaluation.
 
     result: as in its JSON. cycles: by task, then by policy. curves: of training, by policy.
     """

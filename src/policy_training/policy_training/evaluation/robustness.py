@@ -96,7 +96,7 @@ def evaluate_robustness(
 
 
 def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
-    """Return the config of the robots: rough ground, a push every 7 s."""
+    """Return the training config of the evaluation: rough ground, a push every 7 s."""
     return TrainingConfig().with_values(
         {
             'seed': config.seed,

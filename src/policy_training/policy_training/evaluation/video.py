@@ -193,7 +193,10 @@ def frames(walk: Recording, clip: Clip, model: PowerModel | None = None) -> Iter
 
 
 def write_video(path: Path, walk: Recording, clip: Clip, model: PowerModel | None = None) -> int:
-    """Write an animated picture (.webp or .gif) that plays in real time; return its frames."""
+    """Write an animated .webp or .gif that plays in real time; return the number of frames.
+
+    model: whose estimate is drawn, or None. InputError for a walk that is shorter than the clip.
+    """
     pictures = [Pictures.fromarray(frame) for frame in frames(walk, clip, model)]
     stream = io.BytesIO()
     pictures[0].save(

@@ -23,7 +23,7 @@ STATE: Final = 'state'
 
 
 class TorchEnvironment(VecEnv):
-    """N robots behind torch tensors; the simulation runs on the CPU."""
+    """Walking environment as rsl-rl takes it, in torch tensors; the simulation is on the CPU."""
 
     def __init__(self, environment: WalkingEnvironment, device: str) -> None:
         self.walking = environment
@@ -69,7 +69,7 @@ _CRITIC_EPOCHS: Final = 3
 
 @dataclass
 class Round:
-    """Result of one iteration."""
+    """Result of one iteration of collecting and learning."""
 
     iteration: int
     steps: int  # policy steps so far
@@ -77,7 +77,7 @@ class Round:
 
 
 class Learner:
-    """Seeded PPO with checkpoints, dicts of tensors and numbers.
+    """PPO of a walking policy, seeded by the config; checkpoints hold tensors and numbers only.
 
     device: of the network and its learning, `cpu` or `cuda`; the robots stay on the CPU.
     """
@@ -105,7 +105,7 @@ class Learner:
     def run(
         self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
     ) -> None:
-        """Run until a number of iterations is done, or for some seconds."""
+        """Run up to a total of iterations, or for some seconds; report: called after each."""
         start = time.monotonic()
         self.ppo.train_mode()
         while self.iteration < iterations:
@@ -137,8 +137,8 @@ class Learner:
     def take_networks(self, state: dict[str, Any]) -> None:
         """Start from the networks of another run, with its exploration, at most the config's.
 
-        InputError for another observation or other sizes; commands may be rate-limited otherwise,
-        which changes what the robots are told and not what the networks take.
+        InputError for another observation or other sizes; the rate limit of commands may differ,
+        which changes what commands the robots get and not what the networks take.
         """
         self._check_observation(state, but=('command_rate_limit',))
         actor = dict(state['actor_state_dict'])
@@ -220,7 +220,7 @@ def _clip_advantages(advantages: torch.Tensor, most: float) -> None:
 
 
 def algorithm_settings(config: TrainingConfig) -> dict[str, Any]:
-    """Return a config as rsl-rl takes it."""
+    """Return rsl-rl's settings of PPO and of its networks for a config."""
     ppo = config.ppo
     network = {'class_name': 'MLPModel', 'hidden_dims': list(ppo.hidden), 'activation': 'elu'}
     return {

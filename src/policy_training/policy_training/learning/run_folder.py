@@ -47,7 +47,7 @@ class RunFolder:
         config.save(self.path / CONFIG)
 
     def resume(self) -> tuple[TrainingConfig, dict[str, Any]]:
-        """Config and last checkpoint of the run here; InputError if there is none."""
+        """Return config and last checkpoint, and drop later curves; InputError without a run."""
         if not (self.path / CONFIG).exists():
             raise InputError(f'{self.path} holds no run to resume')
         config = TrainingConfig.load(self.path / CONFIG)
@@ -56,7 +56,7 @@ class RunFolder:
         return config, state
 
     def add(self, iteration: int, steps: int, values: Mapping[str, float]) -> None:
-        """Append a row to the curves, here and in TensorBoard."""
+        """Append a row to the curves, in the folder and in TensorBoard; values: by name."""
         with (self.path / CURVES).open('a', encoding='utf-8') as stream:
             rounded = {name: float(f'{value:.6g}') for name, value in values.items()}
             stream.write(json.dumps({'iteration': iteration, 'steps': steps, **rounded}) + '\n')
@@ -66,7 +66,7 @@ class RunFolder:
             self._events.add_scalar(name, value, steps)
 
     def save(self, state: dict[str, Any]) -> None:
-        """Replace the checkpoint."""
+        """Replace the checkpoint by a learner's state."""
         part = self.path / f'{CHECKPOINT}.part'
         torch.save(state, part)
         os.replace(part, self.path / CHECKPOINT)
@@ -77,7 +77,7 @@ class RunFolder:
             self._events.close()
 
     def curves(self) -> list[dict[str, float]]:
-        """All rows so far, in order."""
+        """Return all rows so far, in order."""
         return read_curves(self.path)
 
     def _drop_curves_after(self, iteration: int) -> None:
@@ -108,7 +108,7 @@ def policy_source(source: str) -> str:
 
 @contextmanager
 def fitting_checkpoint() -> Iterator[None]:
-    """Turn the errors of a checkpoint of another network into an InputError."""
+    """Context that turns errors of loading another network's checkpoint into an InputError."""
     try:
         yield
     except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:

@@ -35,7 +35,7 @@ def export_policy(
     observation: Observation,
     training: Mapping[str, Any],
 ) -> None:
-    """Write `policy.yaml` and `weights.safetensors`.
+    """Write `policy.yaml` and `weights.safetensors` of a policy into a folder.
 
     layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
     training: origin of the policy, for people.
@@ -61,7 +61,7 @@ def export_policy(
 
 
 def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
-    """Return a learner with the environment and the power model of a config."""
+    """Return a learner with the environment and power source of a config; InputError if bad."""
     torch.set_num_threads(max(1, config.physics.threads or torch.get_num_threads()))
     environment = WalkingEnvironment(config, power=power_source(config))
     return Learner(config, environment, device)
@@ -74,7 +74,7 @@ def train(
     seconds: float | None = None,
     console: Console | None = None,
 ) -> None:
-    """Train to the end of the config, or for some seconds; then export the policy."""
+    """Train to the end of the config, or for some seconds; save curves, checkpoint and policy."""
     config = learner.config
     terminal = Console(stderr=True) if console is None else console
     bar = Progress(

@@ -12,9 +12,9 @@ _SLACK = 1.5
 
 
 class Assembled(NamedTuple):
-    """A complete sample: its index, the device time in ns of its first frame, values [Q, D].
+    """Complete sample: its index, the device time in ns of its first frame, values [Q, D].
 
-    stale [Q, D]: True for values whose frame is silent; None where all frames came.
+    stale [Q, D]: True where no frame came near the sample's time; None where all frames came.
     """
 
     number: int

@@ -52,7 +52,7 @@ _STEP = 1_000_000  # ns that the system clock may move against the steady one be
 
 
 class BusState(Enum):
-    """State of a bus: not there, without frames, or with frames of the mapping."""
+    """State of a bus: not open, no frames of the mapping for some time, or such frames now."""
 
     ABSENT = 'absent'
     SILENT = 'silent'
@@ -61,7 +61,7 @@ class BusState(Enum):
 
 @dataclass(frozen=True)
 class Patience:
-    """Times in s: between attempts to open the bus, until it counts as silent, and per read."""
+    """Limits in s: pauses before reopening, silence of a bus, one read, largest age of a frame."""
 
     first_retry: float = 0.1
     last_retry: float = 2.0
@@ -73,8 +73,8 @@ class Patience:
 class SampleQueue:
     """A bounded queue between threads; when it is full, new samples are dropped and counted.
 
-    refused and published count samples by group: dropped ones, and published ones, which the
-    publisher adds.
+    refused and published count samples by group (electrical, joints, temperature): dropped ones,
+    and published ones, which the publisher adds.
     """
 
     def __init__(self, size: int) -> None:
@@ -89,7 +89,7 @@ class SampleQueue:
         return self.refused.total()
 
     def put(self, sample: Sample) -> None:
-        """Append a sample, without waiting."""
+        """Append a sample without waiting; when the queue is full, drop and count it."""
         if self._queue.qsize() >= self._size:
             self.refused[sample.group] += 1
         else:
@@ -140,7 +140,7 @@ class Acquisition(DeviceWorker):
     open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
     pauses, as is a bus that is lost before a frame of the mapping came. Any other exception ends
     the thread and is raised by `join`. log gets a line whenever the bus appears or is lost.
-    queries are sent to devices that have to be asked.
+    queries: frames to devices that send nothing unless they are queried.
     """
 
     def __init__(

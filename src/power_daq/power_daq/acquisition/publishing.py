@@ -63,7 +63,7 @@ class SupplyPublisher:
         return sent
 
     def take_temperature(self, sample: Sample) -> int:
-        """Take winding temperatures, which the next messages carry; return 1."""
+        """Take winding temperatures, °C, which the next messages carry; return 1, as `take`."""
         celsius = [nan if c is None else sample.values[0, c] for c in self._columns]
         self._message.temperature = array('f', celsius)
         self._temperature_stamp = sample.stamp
@@ -104,7 +104,7 @@ class JointStatePublisher:
         self._message.name = list(drives)
 
     def take(self, sample: Sample) -> int:
-        """Publish a sample; return 1."""
+        """Publish a sample; return 1, the number that went out."""
         message, values = self._message, sample.values
         _set_stamp(message.header, sample.stamp)
         message.position = array('d', values[0].tobytes())

@@ -250,5 +250,5 @@ class Receiver:
 
     @property
     def losses(self) -> Mapping[str, int]:
-        """Samples lost by group."""
+        """Number of lost samples by group."""
         return {name: assembler.lost for name, assembler in self.assemblers.items()}

@@ -80,7 +80,10 @@ class BusDescription:
     def ready(
         cls, name: str, mapping: Path | None = None, nodes: Mapping[str, int] | None = None
     ) -> 'BusDescription':
-        """Read the ready description of a name, with another mapping or other nodes if given."""
+        """Read a shipped description, odrive or moteus; InputError for another name.
+
+        mapping, nodes: in place of those shipped.
+        """
         if name not in READY:
             raise InputError(f'no bus {quoted(name)}: expected one of {", ".join(READY)}')
         return cls.load(_FOLDER / f'{name}.dbc', mapping or _FOLDER / f'{name}.yaml', nodes)
@@ -167,7 +170,8 @@ class BusDescription:
         """Return the frames of one sample of a group, of its first quantities, each [D].
 
         Electrical values beyond the range of their signals are clipped and flagged under- or
-        overrange; NaN becomes 0 and is flagged as an error of the device.
+        overrange; NaN becomes 0 and is flagged as an error of the device. ValueError for a group
+        that the bus lacks, and for too few or too many quantities.
         """
         group = self._group(name)
         if not len(REQUIRED[name]) <= len(quantities) <= len(group.quantities):

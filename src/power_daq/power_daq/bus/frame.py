@@ -89,7 +89,7 @@ def head_values(frame: Frame, counter: int, device_us: int) -> list[int]:
 
 
 def heads(frames: Sequence[Frame]) -> tuple[list[tuple[Signal, int]], list[float]]:
-    """Return the signals of head_values, each with the first byte of its frame, and factors."""
+    """Return the signals of `head_values`, with the first bytes of their frames, and 1/scale."""
     placed: list[tuple[Signal, int]] = []
     base = 0
     for frame in frames:
@@ -209,7 +209,7 @@ def is_current(quantity: str, unit: str) -> bool:
 
 
 def check_shared(entry: FrameMapping) -> None:
-    """Raise InputError for a signal with two meanings."""
+    """Raise InputError for a signal mapped twice; drives may share a voltage or status."""
     used: dict[str, tuple[str, str]] = {}
     for drive, quantity, given in entry.quantities():
         first = used.setdefault(given.source, (drive, quantity))
@@ -305,7 +305,7 @@ class FrameGroup:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(Q, D)."""
+        """Numbers of quantities and drives, (Q, D)."""
         return len(self.quantities), len(self.drives)
 
     def decode(self, payloads: Sequence[bytes]) -> Floats:

@@ -116,7 +116,7 @@ class FrameMapping:
     sends it, None on a bus whose DBC has all identifiers.
     """
 
-    where: str
+    where: str  # place in the file, for errors
     message: str
     time: str | None
     counter: str | None
@@ -147,7 +147,7 @@ class GroupMapping:
 
 @dataclass(frozen=True)
 class BusMapping:
-    """Content of the file; groups are some of electrical, joints and temperature.
+    """Content of a mapping file; groups are some of electrical, joints and temperature.
 
     poll: protocol of queries that the nodes answer; None where devices send by themselves.
     """

@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def topics_of(given: Sequence[str] | None) -> dict[str, str]:
-    """Return topics and types from names, or from `name:package/Type` for other topics."""
+    """Return types by topic, of the suite's names or `name:package/Type`; else InputError."""
     chosen: dict[str, str] = {}
     for text in given or TYPES:
         name, _, type_name = text.partition(':')

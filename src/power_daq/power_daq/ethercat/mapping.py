@@ -50,7 +50,7 @@ class _File:
 
 @dataclass(frozen=True)
 class SegmentMapping:
-    """Content of the file.
+    """Content of a mapping file of EtherCAT terminals.
 
     cycle: s between frames; frame_timeout: s until one counts as lost; segment: the terminals on
     the cable in their order from the master on; device: frame_id of drive_supply.

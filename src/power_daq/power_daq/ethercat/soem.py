@@ -46,7 +46,7 @@ class SoemSegment:
         self._master: Any = None
 
     def find(self) -> Sequence[SlaveIdentity]:
-        """Open the interface and return the slaves' identities."""
+        """Open the interface and return the slaves' identities; SegmentError if none answers."""
         master = self._soem.Master()
         master.sdo_read_timeout = master.sdo_write_timeout = self._mailbox
         try:
@@ -72,7 +72,7 @@ class SoemSegment:
         )
 
     def read(self, slave: int, index: int, subindex: int) -> bytes:
-        """Return an object's value (SDO upload)."""
+        """Return the bytes of an object (SDO upload); SegmentError if the slave refuses."""
         try:
             return bytes(self._master.slaves[slave].sdo_read(index, subindex, release_gil=True))
         except self._mailbox_errors as error:
@@ -102,7 +102,10 @@ class SoemSegment:
         return SegmentError(f'{place} cannot be {what}: {reason}')
 
     def operate(self) -> int:
-        """Map process data and bring all slaves to SAFE-OP, then OP with frames in between."""
+        """Bring all slaves to OP; return the working counter of a complete exchange.
+
+        Process data are mapped first. SegmentError for a slave that does not reach its state.
+        """
         soem, master = self._soem, self._master
         try:
             master.config_map()
@@ -135,7 +138,7 @@ class SoemSegment:
         raise SegmentError(f'the segment does not reach {name}')
 
     def exchange(self) -> int:
-        """Exchange a frame of process data (LRW)."""
+        """Exchange a frame of process data (LRW); return its working counter, below 0 if lost."""
         self._master.send_processdata(release_gil=True)
         return int(self._master.receive_processdata(self._timeout, release_gil=True))
 

@@ -31,7 +31,7 @@ class SlaveIdentity(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """An object of one byte and the value without which measurements would be wrong."""
+    """Object of one byte, and the value it must have for correct measurements."""
 
     entry: int
     subindex: int
@@ -123,10 +123,10 @@ class EthercatSegment(Protocol):
         """Bring all slaves to OP; return the working counter of a complete exchange."""
 
     def exchange(self) -> int:
-        """Open the interface and return the slaves' identities, else raise SegmentError."""
+        """Exchange a frame of process data; return its working counter, below 0 if it was lost."""
 
     def inputs(self, slave: int) -> bytes:
-        """Return the input bytes of a slave in the last frame."""
+        """Return the input bytes of a slave in the last frame that came back."""
 
     def close(self) -> None:
         """Bring the slaves that can be reached back to INIT and close the interface."""

@@ -23,7 +23,7 @@ _BLUE, _ORANGE, _FAINT = 'blue', 'dark_orange', 'dim'
 
 
 class Screen:
-    """A view for rich, as wide as the console; the scale of the bars only grows."""
+    """Renderable for rich that shows a view, as wide as the console; bar scales only grow."""
 
     def __init__(self) -> None:
         self._view: View | None = None

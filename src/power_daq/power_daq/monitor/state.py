@@ -112,7 +112,7 @@ class _StreamEnergy:
 class MonitorState:
     """Takes messages at any rate; `view` summarises those since the last view.
 
-    Times are in s on a steady clock; battery is what it holds at the start, Wh.
+    Times are in s on a steady clock; battery: energy in the battery at the start, Wh.
     """
 
     started: float
@@ -140,7 +140,7 @@ class MonitorState:
     def report(
         self, name: str, level: int, sentence: str, figures: Mapping[str, str], now: float
     ) -> None:
-        """Keep a status from `diagnostics`."""
+        """Keep a status from `diagnostics`; level: 0 to 3; figures: by name; now: s."""
         self.reports[name] = StatusReport(level, sentence, figures, now)
 
     def view(self, now: float) -> View:

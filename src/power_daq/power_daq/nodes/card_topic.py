@@ -17,12 +17,12 @@ _SOURCES: Final = 10  # nodes whose cards may come at once
 
 
 def publish_card(node: Node, card: Card) -> None:
-    """Publish a card of its entries alone; it stays for subscribers that come later."""
+    """Publish the entries of a card on topic `card`; it stays for subscribers that come later."""
     node.create_publisher(String, TOPIC, _LATCHED).publish(String(data=card.text()))
 
 
 def subscribe_to_cards(node: Node, take: Callable[[Card], None]) -> None:
-    """Call take with the card of each source, those of before as well; log one that is none."""
+    """Call take with each source's card, earlier ones included; log one that cannot be read."""
 
     def on_card(message: String) -> None:
         try:

@@ -22,7 +22,7 @@ _LOOK: Final = 0.05  # s between looks at the topics
 
 
 class WatchNode(Node):
-    """Keeps the bytes of messages and shows a view of them periodically."""
+    """Shows a view of the measurement each `period` s, for `duration` s; 0: without end."""
 
     def __init__(
         self, show: Callable[[View], None], period: float, duration: float, battery: float

@@ -74,11 +74,11 @@ class EnergyCounter:
 
 @dataclass(frozen=True)
 class Balance:
-    """Means over one second, W: supply and sum of drives; the rest's mean over `seconds`."""
+    """Mean power over one second, W, of the supply and of all drives, which names lists."""
 
     supply: float
     drives: float
-    rest_mean: float
+    rest_mean: float  # over the last `seconds`
     seconds: int
     names: Sequence[str]
 

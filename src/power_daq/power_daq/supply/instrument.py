@@ -62,10 +62,11 @@ class InstrumentSettings:
 
 
 class Instrument:
-    """A connected supply.
+    """Connected supply.
 
-    Only `tell` changes its state, and only `output.switch_on` uses `tell` for that. Methods raise
-    LostError if the connection can no longer be used, AnswerError for an answer that does not fit.
+    Only `tell` changes its state, and only `OutputRequest.switch_on` uses it for that. Methods
+    raise LostError if the connection can no longer be used, AnswerError for an answer that does
+    not fit.
     """
 
     def __init__(self, settings: InstrumentSettings) -> None:
@@ -104,7 +105,7 @@ class Instrument:
             self._manager.close()
 
     def tell(self, command: str) -> None:
-        """Send a command that has no answer."""
+        """Send a command that has no answer; LostError if the connection is lost."""
         try:
             self._resource.flush(BufferOperation.discard_read_buffer_no_io)
             self._resource.write(command)
@@ -112,7 +113,7 @@ class Instrument:
             raise LostError(f'connection lost at {command}: {_reason(error)}') from error
 
     def ask(self, question: str) -> str:
-        """Send a question and return the line that answers it."""
+        """Send a question and return the line that answers it; LostError without an answer."""
         self.tell(question)
         return self._line(question)
 
@@ -150,7 +151,10 @@ class Instrument:
         return found
 
     def resynchronise(self) -> None:
-        """Discard lines until the identity arrives, so that answers belong to questions again."""
+        """Discard lines until the identity arrives, so that answers belong to questions again.
+
+        LostError if it does not arrive.
+        """
         self.tell('*IDN?')
         for _ in range(_MOST_LINES):
             with suppress(AnswerError):

@@ -62,7 +62,7 @@ def _names(parent: Any, count: int) -> Sequence[str]:
 
 
 def columns_of(topic: str, message: Any) -> list[LogColumn]:
-    """Return the numbers of a message as columns, at most 400."""
+    """Return the first 400 numeric fields of a message as columns of a log."""
     found = []
     for path in _paths(message, ''):
         found.append(LogColumn(f'{topic}:{path}', topic))
@@ -122,10 +122,10 @@ class _Stream:
 
 
 class LiveGroup:
-    """The samples of one published topic: values [Q, D], Q as in ROWS, D its drives.
+    """Samples of one published topic: values [Q, D], Q as in ROWS, D its drives.
 
     Messages are merged on the times of the topic with the most of its signals, as an import does
-    it. Values whose topic is silent are NaN; the status of electrical ones says so.
+    it. Values whose topic no longer comes are NaN; the status of electrical ones says so.
     """
 
     def __init__(self, name: str, plan: ImportPlan) -> None:
@@ -265,7 +265,7 @@ class MapTopics:
         self.has_commands = any('command' in signals for signals in drives)
 
     def matching(self, topics: Iterable[str]) -> list[str]:
-        """Return those of some topics that the map reads."""
+        """Return those of the given topics that the map reads."""
         patterns = [*self._required.values(), *self._optional.values()]
         return [topic for topic in topics if any(p.fullmatch(topic) for p in patterns)]
 

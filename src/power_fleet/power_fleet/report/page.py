@@ -17,7 +17,7 @@ from power_fleet.track.outcome import Tracked
 
 
 def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -> Figure:
-    """Estimates of one coefficient with intervals, and its level before and after changes."""
+    """Plot one coefficient (column) of a drive over time with 95 % intervals, and its level."""
     history, points = found.histories[drive], found.points[drive]
     name, _ = history.labels[column]
     dates = [_date(time) for time in history.time]
@@ -90,7 +90,7 @@ _SHOWN = ('power_gain', 'current_offset', 'torque_bias', 'time_offset')
 
 
 def write_tracked(path: Path, found: Tracked) -> None:
-    """Write the page of `track`."""
+    """Write the HTML page of `track`."""
     changed = bool(found.alarms)
     title = 'Changed' if changed else 'Steady'
     page = Page(f'{title}: {found.model.name}')

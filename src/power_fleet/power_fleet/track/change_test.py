@@ -25,7 +25,7 @@ _FAR = 3.0  # standard deviations that a difference counts as at most
 
 @dataclass(frozen=True)
 class Profile:
-    """Course of a change: 0 up to recording `begin`, 1 from recording `end` on."""
+    """Course of a change: 0 up to recording `begin`, straight in time, 1 from `end` on."""
 
     begin: int
     end: int
@@ -36,19 +36,19 @@ class Profile:
         return self.end - self.begin <= 1
 
     def over(self, time: Floats) -> Floats:
-        """Share of the change in each recording, [M]."""
+        """Share of the change in each recording [M], at times in s [M]."""
         if self.step:
             return (np.arange(len(time)) >= self.end).astype(np.float64)
         length = max(float(time[self.end] - time[self.begin]), 1e-9)
         return np.clip((time - time[self.begin]) / length, 0.0, 1.0)
 
     def penalty(self, count: int) -> float:
-        """Cost of its second place in a history of as many recordings, as in Schwarz's BIC."""
+        """Penalty on the statistic for the second date of a ramp: log(count), as in BIC."""
         return 0.0 if self.step else float(np.log(count))
 
 
 def profiles(count: int) -> list[Profile]:
-    """Steps at every recording, and ramps between places of a grid."""
+    """Profiles to try on count recordings: a step at each, and ramps between points of a grid."""
     out = [Profile(end - 1, end) for end in range(LEAST_SIDE, count - LEAST_SIDE + 1)]
     grid = np.unique(np.linspace(0, count - 1, min(_RAMP_STEPS, count)).round().astype(int))
     out += [
@@ -70,7 +70,7 @@ class Courses:
 
     @classmethod
     def of(cls, time: Floats) -> 'Courses':
-        """Make those of recordings at these times."""
+        """Build the profiles to try for recordings at times in s [M]."""
         every = profiles(len(time))
         return cls(
             every,
@@ -109,7 +109,7 @@ class ChangeModel:
 
     @classmethod
     def of(cls, history: DriveHistory) -> 'ChangeModel':
-        """Make the model of a quiet history."""
+        """Build the model of a history without known changes."""
         spread = history.values.std(axis=0)
         own = np.sqrt(np.median(np.diagonal(history.covariance, axis1=1, axis2=2), axis=0))
         scale = np.maximum(np.maximum(spread, own), 1e-12)
@@ -121,7 +121,7 @@ class ChangeModel:
         return cls(history, time, scale, np.maximum(own / scale, _LEAST), wider)
 
     def reordered(self, order: NDArray[np.intp]) -> 'ChangeModel':
-        """Return the model of the same recordings, as if made in another order."""
+        """Return the model of the same recordings as if made in another order, indices [M]."""
         return replace(self, order=order)
 
     def _taken(self, values: Floats) -> Floats:
@@ -129,7 +129,7 @@ class ChangeModel:
 
     @cached_property
     def design(self) -> Floats:
-        """Level and covariates, [M, p]."""
+        """Regressors of the level and of the covariates [M, p]."""
         count = len(self.time)
         return self._taken(np.concatenate([np.ones((count, 1)), self.history.covariates], axis=1))
 
@@ -139,7 +139,7 @@ class ChangeModel:
         return self._taken(self.history.values / self.scale)
 
     def direction(self, hypothesis: str) -> Floats:
-        """Response of the scaled estimates to a unit [m]; `~name` is that estimate alone."""
+        """Change of the scaled estimates [m] by one unit; `~name`: of that estimate alone."""
         if hypothesis.startswith(ALONE):
             labels = self.history.labels
             return np.eye(len(labels))[labels.index((hypothesis.removeprefix(ALONE), 0))]
@@ -169,8 +169,8 @@ class ChangeModel:
 
         It is that of the differences of successive recordings, which a change that is not known
         yet hardly moves; one that stands out, as that across a step, counts as three standard
-        deviations. Recordings scatter by no less than their own errors; a few that decide nothing,
-        by the unit of each estimate.
+        deviations. It is no less than the recordings' own errors; for fewer than 8 recordings it
+        is the identity.
         """
         if self.known_scatter is not None:
             return self.known_scatter
@@ -265,9 +265,9 @@ class ChangeModel:
         return change.statistic - change.profile.penalty(len(self.time))
 
     def by_chance(self, hypotheses: Sequence[str], orders: NDArray[np.intp]) -> Floats:
-        """Largest evidence of any hypothesis and profile for each order of the recordings [B].
+        """Largest evidence of any hypothesis and profile in each of B orders of recordings [B].
 
-        Recordings of a quiet history may change places: the covariates go with them.
+        Without a change, recordings may trade places; covariates go with them. orders: [B, M].
         """
         search = Courses.of(self.time)
         out = np.empty(len(orders))
@@ -277,13 +277,13 @@ class ChangeModel:
         return out
 
     def with_change(self, change: Change, scatter: Floats | None = None) -> 'ChangeModel':
-        """Return the model with one more known change, at a scatter or that which it leaves."""
+        """Return the model with one more known change; scatter [m, m]: by default re-estimated."""
         return self.with_changes((change,), scatter)
 
     def with_changes(
         self, changes: Sequence[Change], scatter: Floats | None = None
     ) -> 'ChangeModel':
-        """Return the model with several more known changes."""
+        """Return the model with several more known changes; scatter: as in `with_change`."""
         model = replace(self, changes=(*self.changes, *changes), known_scatter=scatter)
         for _ in range(2):
             model = replace(model, changes=model.sized())

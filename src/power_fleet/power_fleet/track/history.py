@@ -23,10 +23,10 @@ class DriveHistory:
     """
 
     drive: str  # its name, behind the robot's where there are several robots
-    joint: str  # its name
+    joint: str  # name of the drive alone
     recordings: tuple[str, ...]
     time: Floats  # s [M]
-    labels: tuple[tuple[str, int], ...]
+    labels: tuple[tuple[str, int], ...]  # (effect, term) of each estimate
     values: Floats  # [M, m]
     covariance: Floats  # [M, m, m]
     responses: Mapping[str, Floats]  # [m] each, of the estimates to a unit of each hypothesis
@@ -39,11 +39,11 @@ class DriveHistory:
     names: tuple[str, ...]  # of the covariates
 
     def without_covariates(self) -> 'DriveHistory':
-        """Return the history as if all recordings had been made alike."""
+        """Return the history without any covariate."""
         return self.with_covariates(())
 
     def with_covariates(self, names: Sequence[str]) -> 'DriveHistory':
-        """Return the history with these covariates alone."""
+        """Return the history with the named covariates only; ValueError for an unknown one."""
         columns = [self.names.index(name) for name in names]
         content = dict(self.__dict__)
         content |= {'covariates': self.covariates[:, columns], 'names': tuple(names)}

@@ -28,7 +28,7 @@ _MOST_EXPLAINED = 2  # drives of which growth of what the model misses is diagno
 
 @dataclass(frozen=True)
 class Tracked:
-    """Everything that `track` says of some recordings."""
+    """Result of `track`: histories of D drives, changes found, and shrunk estimates."""
 
     model: EffectModel
     catalogue: Catalogue
@@ -53,7 +53,7 @@ class Tracked:
 
     @property
     def headline(self) -> str:
-        """The first of the certain changes in few words, or the sentence."""
+        """Short text on the first certain change, or else the whole sentence."""
         if not self.result.findings:
             grown = next(iter(self.unmodelled), None)
             return self.sentence if grown is None else f'What the model misses on {grown} grew'
@@ -65,7 +65,7 @@ class Tracked:
 
     @property
     def alarms(self) -> list[str]:
-        """Certain changes in words."""
+        """Sentences on what certainly changed, one or more for each change."""
         tracked = {self._unmodelled(finding) for finding in self.result.findings}
         first = [
             f'{drive}: {one.course}. {one.cause}'
@@ -83,11 +83,11 @@ class Tracked:
 
     @property
     def explained(self) -> list[str]:
-        """Changes that circumstances explain, in words."""
+        """Sentences on changes that covariates explain, one each."""
         return [self._explained(one) for one in self.result.explained]
 
     def next_command(self, spec: str) -> str:
-        """Return what to type next: look into the recordings after a change, or record on."""
+        """Return what to type next: examine the recordings after a change, or record on."""
         unknown = next((one for one in self.unmodelled.values() if one.discovered), None)
         if unknown is not None:
             bags = ' '.join(map(self._typed, unknown.after.recordings))
@@ -105,7 +105,7 @@ class Tracked:
         return shlex.quote(printable(str(self.paths.get(recording, recording))))
 
     def told(self, finding: CertainChange) -> str:
-        """One certain change in words."""
+        """Describe one certain change in a sentence or more."""
         history, change = self.histories[finding.drive], finding.change
         at = _at(history, change)
         begin, end = self.ends(finding.drive, change)
@@ -145,7 +145,7 @@ class Tracked:
         return '' if unit == '1' else unit
 
     def ends(self, drive: int, change: Change) -> tuple[float, float]:
-        """Return the estimate before a change and after it."""
+        """Return the estimate before and after a change, in its unit; drive: index."""
         label = (change.hypothesis, 0)
         labels = self.histories[drive].labels
         before = float(self.points[drive].level[labels.index(label)]) if label in labels else 0.0
@@ -158,7 +158,7 @@ class Tracked:
         return before, before + change.size
 
     def percent(self, drive: int, change: Change) -> float | None:
-        """Return the change in per cent of what was before, of a gain in per cent.
+        """Return the change in per cent of the level before; for a gain, the gain in per cent.
 
         None for errors of the measurement, and where nothing was there before for certain.
         """
@@ -172,7 +172,7 @@ class Tracked:
         return 100.0 * change.size / before if before > max(least, 1e-12) else None
 
     def watts(self, drive: int, change: Change) -> float:
-        """Return the change in mean W, as these recordings were."""
+        """Return the mean power of a change over the recordings, W; drive: index."""
         history = self.histories[drive]
         if change.hypothesis == 'power_gain':
             return history.mean_power * change.size
@@ -180,7 +180,7 @@ class Tracked:
         return float(history.watts[column] * change.size)
 
     def json(self) -> dict[str, Any]:
-        """As `track --json` writes it."""
+        """Return JSON-compatible values, as `track --json` writes them."""
         return {
             'series': [
                 self._series(drive, column)
@@ -291,11 +291,12 @@ def track(
     engine: TaskEngine,
     show: Callable[[str], None] = lambda text: None,
 ) -> Tracked:
-    """Fit a model to each recording and find what changes.
+    """Fit a model to each recording and find what changes over time.
 
-    Recordings that are damaged, too short or too still are left out. Of the drives that changed
-    most, recordings before and after are diagnosed; an effect that they name is tracked, too.
-    InputError where no recording is left.
+    Fits are taken from the index or kept in it; engine: runs them in processes; show: takes texts
+    of progress. Recordings that are damaged, too short or too still are left out. Of the drives
+    that changed most, recordings before and after are diagnosed; an effect that they name is
+    tracked, too. InputError where no recording is left.
     """
     read = read_fits(paths, request, index, engine, show)
     if not read.fits:
@@ -338,7 +339,7 @@ def tracked(
     catalogue: Catalogue,
     left_out: Sequence[str] = (),
 ) -> Tracked:
-    """Find what changes in the fits of several recordings."""
+    """Find what changes in the fits of several recordings; left_out: recordings, with reasons."""
     own = histories(fits)
     result = search(own, catalogue)
     common = common_levels(result.models)

@@ -42,26 +42,26 @@ _WORDS = ('controller', 'terrain')  # of a card, that say how a robot moved
 
 @dataclass(frozen=True)
 class Request:
-    """A model and the way that recordings are read; key is the hash of all of it.
+    """Model and options that recordings are fitted with; key: hash of all of it.
 
-    Who gives other settings gives another key.
+    The key finds fits in the index: other settings need another key.
     """
 
     model: EffectModel
     catalogue: Catalogue
     spec: str = ''  # file of the model
-    drives: Sequence[str] = ()
-    slow: bool = False
-    anyway: bool = False
+    drives: Sequence[str] = ()  # only these; () for all
+    slow: bool = False  # the meter averages slowly: judge energy over its window
+    anyway: bool = False  # also with conflicting units
     key: str = ''
     settings: JudgeSettings = field(default_factory=JudgeSettings)
 
     def judge(self, loaded: Loaded) -> Judge:
-        """Return what fits and judges on recordings."""
+        """Return the judge of loaded recordings, with the request's catalogue and settings."""
         return Judge(loaded, self.catalogue, self.settings)
 
     def with_effects(self, actives: Sequence[Active]) -> 'Request':
-        """Return the same with more effects in the model."""
+        """Return the request with effects added to the model, and another key."""
         structure = self.model.structure.plus(*actives)
         added = ' '.join(repr(active.key) for active in actives)
         model = replace(self.model, structure=structure)
@@ -70,7 +70,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Read:
-    """Fits of recordings, their files by name, and those left out, with the reasons."""
+    """Fits of recordings, paths of these by name, and reasons why others were left out."""
 
     fits: tuple[RecordingFit, ...]
     left_out: tuple[str, ...]
@@ -79,7 +79,7 @@ class Read:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit in bytes; facts only of a recording that could be read, whose answer is kept."""
+    """Packed fit for the index; facts is None for a recording that could not be read."""
 
     content: bytes
     facts: RecordingFacts | None = None
@@ -95,8 +95,8 @@ def read_fits(
 ) -> Read:
     """Fit the model to each recording that the index has no fit of.
 
-    Fits are kept in the index one by one, by this process alone. A recording that is damaged, too
-    short or too still, or there twice, is left out.
+    Fits are kept in the index one by one, by this process alone; engine: runs them in processes. A
+    recording that is damaged, too short or too still, or there twice, is left out.
     """
     contents: dict[Path, bytes] = {}
     unfitted: list[Stamp] = []
@@ -141,10 +141,10 @@ def read_fits(
 
 
 def fit_stamped(request: Request, stamp: Stamp) -> Fitted:
-    """Read a recording on this machine and fit the model to it.
+    """Read a recording on this machine and fit the model to it; return the packed fit or reason.
 
-    InputError where this machine has nothing there. One that differs from what was stamped is
-    left out, like one that cannot be read.
+    InputError where this machine has nothing at its path. One that differs in size from its stamp,
+    or that cannot be read, is left out with the reason.
     """
     path = Path(stamp.path)
     if not path.exists():
@@ -207,7 +207,7 @@ def occasion_of(loaded: Loaded) -> Occasion:
 
 
 def begin_of(recording: Recording) -> float:
-    """The date of the card, which a simulation's stamps lack, or the first stamp; s since 1970."""
+    """Start of a recording in s since 1970: the date of its card, or else its first stamp."""
     created = recording.card.created
     if created:
         try:

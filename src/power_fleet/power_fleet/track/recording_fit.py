@@ -42,11 +42,11 @@ class Occasion:
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """A structure fitted to one recording without bounds, m coefficients for each of D meters.
+    """Model fitted to one recording without bounds, m coefficients for each of D meters.
 
-    responses[name] [D, m] is what the estimates gain for a unit of an effect or of a fault of the
-    measurement. It says what two of them have in common: the offset of a current sensor raises
-    the same estimates as the idle draw.
+    responses[name] [D, m] is the change of the estimates by one unit of an effect or of a fault of
+    the measurement. Two may be alike: the offset of a current sensor raises the same estimates as
+    the idle draw.
     """
 
     occasion: Occasion
@@ -217,7 +217,7 @@ def key_of(
 
 
 def to_bytes(fit: RecordingFit | Unfit) -> bytes:
-    """Pack a fit: a line of JSON, then its arrays one after the other."""
+    """Pack a fit, or the reason of an unfit recording, as `from_bytes` reads it."""
     if isinstance(fit, Unfit):
         return json.dumps({'unfit': fit.reason}).encode()
     arrays = [getattr(fit, name) for name in _ARRAYS]
@@ -235,7 +235,7 @@ def to_bytes(fit: RecordingFit | Unfit) -> bytes:
 
 
 def from_bytes(content: bytes) -> RecordingFit | Unfit:
-    """Return what `to_bytes` packed."""
+    """Unpack what `to_bytes` packed."""
     text, _, packed = content.partition(b'\n')
     head: dict[str, Any] = json.loads(text)
     if 'unfit' in head:
@@ -256,7 +256,7 @@ def from_bytes(content: bytes) -> RecordingFit | Unfit:
 
 
 def figures_of(fit: RecordingFit, model: str, catalogue: Catalogue) -> list[DriveFigure]:
-    """Coefficients with standard errors as rows of a table."""
+    """Return a row for each coefficient of each drive, with its standard error; model: a name."""
     errors = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
     return [
         DriveFigure(

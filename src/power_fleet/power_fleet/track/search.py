@@ -28,7 +28,7 @@ _SEED = 19
 
 @dataclass(frozen=True)
 class CertainChange:
-    """A certain change of a drive, and what else explains it as well."""
+    """Certain change of one drive, and other changes that explain it as well."""
 
     drive: int
     change: Change
@@ -52,20 +52,20 @@ class Search:
     models: tuple[ChangeModel, ...]  # [D], with the changes found
     findings: tuple[CertainChange, ...]
     explained: tuple[Explained, ...]
-    certainties: tuple[Mapping[str, float], ...]  # [D], by hypothesis, that it changed besides
+    certainties: tuple[Mapping[str, float], ...]  # [D], by hypothesis, of a further change
 
 
 def hypotheses_of(history: DriveHistory) -> list[str]:
-    """Effects and faults that a history can show a change of."""
+    """Names of the effects and faults whose change a history can show."""
     return [name for name in history.responses if name not in _WITHIN]
 
 
 def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
-    """Find the changes that chance alone shows in at most 5 % of quiet histories.
+    """Find changes, with a false alarm in at most 4 % of sets of histories without any change.
 
-    The largest evidence of any drive, effect, fault and date is compared with the largest that
-    the same recordings show in random orders. Changes found are taken out, and the rest is
-    searched again.
+    The largest evidence of any drive, effect, fault and date is compared with the largest that the
+    same recordings show in random orders. Changes found are taken out, and the rest is searched
+    again.
     """
     long = [i for i, own in enumerate(histories) if len(own.time) >= LEAST_RECORDINGS]
     models = [ChangeModel.of(history) for history in histories]
@@ -136,7 +136,7 @@ def random_orders(count: int) -> NDArray[np.intp]:
 
 
 def chance_of(evidence: float, limit: Floats) -> float:
-    """Return the share of random orders [B] whose largest evidence is as large."""
+    """Return the share of random orders whose largest evidence, limit [B], is as large."""
     return float((1 + (limit >= evidence).sum()) / (1 + len(limit)))
 
 
@@ -194,14 +194,14 @@ def _goes_with(
 
 
 def watts(history: DriveHistory, change: Change) -> float:
-    """Rms W of a change, as the recordings were."""
+    """Rms power of a change over the recordings, W."""
     if change.hypothesis == 'power_gain':
         return abs(change.size) * history.power
     return abs(change.size) * float(history.rms[history.labels.index((change.hypothesis, 0))])
 
 
 def prior(model: ChangeModel, catalogue: Catalogue) -> float:
-    """Log-density of a fault's size against none: meters are better than any number."""
+    """Log prior of the size of a model's last change: Gaussian for a fault, 0 for an effect."""
     change = model.changes[-1]
     effect = catalogue[change.hypothesis.split('.')[0]]
     width = effect.terms[0].prior if effect.kind == 'measurement' else np.inf

@@ -14,7 +14,7 @@ _LEAST_DRIVES = 3
 
 @dataclass(frozen=True)
 class Points:
-    """Estimates of each recording that borrow from the others what it does not show, [M, m]."""
+    """Estimates of M recordings, shrunk to the drive's level and that to the robot's [M, m]."""
 
     values: Floats
     errors: Floats  # standard errors
@@ -24,7 +24,7 @@ class Points:
 
 @dataclass(frozen=True)
 class Common:
-    """Level that the drives of a robot have in common."""
+    """Mean level of a coefficient over the drives of a robot."""
 
     value: float
     error: float
@@ -32,9 +32,9 @@ class Common:
 
 
 def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common]:
-    """Levels by (effect, term) over drives, by a random-effects meta-analysis.
+    """Mean levels by (effect, term) over drives, by a random-effects meta-analysis.
 
-    Drives that differ by more than their intervals keep their own: the spread says so.
+    A large spread leaves each drive its own level. {} for fewer than three drives.
     """
     if len(models) < _LEAST_DRIVES:
         return {}
@@ -61,10 +61,10 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
 
 
 def shrunk(model: ChangeModel, common: Mapping[tuple[str, int], Common]) -> Points:
-    """Posterior estimates of a drive's recordings.
+    """Posterior estimates of a drive's recordings; common: as of `common_levels`.
 
-    A recording that does not excite a coefficient takes it from the drive's other recordings,
-    and a drive that never does from the other drives.
+    A recording that does not excite a coefficient takes it from the drive's other recordings, and
+    a drive that never does from the other drives.
     """
     scale, history = model.scale, model.history
     level, error = model.levels

@@ -28,7 +28,7 @@ _AFTER, _BEFORE = 0.7, 0.05  # of the change, in a recording that counts as afte
 
 @dataclass(frozen=True)
 class Growth:
-    """Certain growth of the error that a drive's fits leave."""
+    """Certain growth over time of the rms error that the fits of a drive leave."""
 
     drive: int
     change: Change  # of the logarithm of the error
@@ -39,7 +39,7 @@ class Growth:
 
 @dataclass(frozen=True)
 class Pool:
-    """Diagnosis of several recordings of a drive together; '' for none that could be read."""
+    """Diagnosis of several recordings of a drive together; sentence: also why there is none."""
 
     recordings: tuple[str, ...]
     verdict: str
@@ -47,7 +47,7 @@ class Pool:
     sentence: str = ''
 
     def json(self) -> dict[str, Any]:
-        """As `track --json` writes it."""
+        """Return JSON-compatible values, as `track --json` writes them."""
         return {
             'verdict': self.verdict,
             'effects': list(self.effects),
@@ -68,7 +68,7 @@ class Unmodelled:
 
     @property
     def course(self) -> str:
-        """Growth in words."""
+        """Text on the growth and since when."""
         since = printable(self.after.recordings[0])
         if self.growth is None:
             return f'the model misses something from {since} on'
@@ -77,7 +77,7 @@ class Unmodelled:
 
     @property
     def cause(self) -> str:
-        """Words for what the recordings before and after say of it."""
+        """Sentence on what the diagnoses before and after say of the cause."""
         if self.discovered:
             return f'No known effect explains it. {self.discovered}'
         named = [name for name in self.after.effects if name not in self.before.effects]
@@ -91,7 +91,7 @@ class Unmodelled:
         return f'Diagnosis of the recordings after: {self.after.sentence}'
 
     def json(self, drive: str) -> dict[str, Any]:
-        """As `track --json` writes it."""
+        """Return JSON-compatible values, as `track --json` writes them."""
         return {
             'drive': drive,
             'from_w': None if self.growth is None else round(self.growth.before, 4),
@@ -104,7 +104,7 @@ class Unmodelled:
 
 
 def growths(histories: Sequence[DriveHistory]) -> list[Growth]:
-    """Find drives whose fits leave more from some recording on, one chance for all of them."""
+    """Find drives whose fit error certainly grows; false alarms: 1 % over all drives together."""
     models = {
         place: ChangeModel.of(_of_errors(history))
         for place, history in enumerate(histories)
@@ -154,7 +154,7 @@ def explain(
 ) -> Unmodelled | None:
     """Diagnose a drive's recordings before and after a change, and discover what has no name.
 
-    None where they say that the model misses no more than before.
+    paths: of the recordings by name. None where the model misses no more after than before.
     """
     early, late = sides(history, change)
     show(f'diagnosing {history.drive} from {late[0]} on')

@@ -15,14 +15,14 @@ _JOULES = 3600.0
 
 @dataclass(frozen=True)
 class Share:
-    """Mean power of one part of a member's budget in one phase."""
+    """Mean power of one effect in one phase, for a drive, a drive type or the robot."""
 
     drive: str  # or a type of drives, or `robot`
     phase: str
     effect: str
     mean_w: float
     interval: tuple[float, float]  # 90 %
-    share: float | None  # of the member's metered energy; None where nothing was metered or drawn
+    share: float | None  # of its drive's metered energy; None where nothing was metered or drawn
     energy_wh: float
 
 
@@ -41,7 +41,7 @@ class BudgetDifference:
 
 @dataclass(frozen=True)
 class Account:
-    """Budget of one recording, or of several as one: tallies by drive, type and robot."""
+    """Energy budget of one recording, or of several pooled, by drive, drive type and robot."""
 
     name: str
     tallies: Mapping[str, Tally]
@@ -49,11 +49,14 @@ class Account:
 
     @property
     def first(self) -> str:
-        """The robot, or its only drive."""
+        """Name of the robot's tally, or of its only drive."""
         return WHOLE if WHOLE in self.tallies else next(iter(self.tallies))
 
     def shares(self, member: str, phase: str = 'all') -> list[Share]:
-        """Parts of a member's budget in a phase, what is unexplained last."""
+        """Shares of a drive, drive type or the robot in a phase, what is unexplained last.
+
+        member: name of one in `tallies`. [] for a phase without samples.
+        """
         tally, place = self.tallies[member], self.phases.index(phase)
         means, limits = tally.means[0], interval(tally.means)
         rows = tally.counts[0] / tally.drives
@@ -71,7 +74,7 @@ class Account:
         return found
 
     def rows(self) -> Iterator[Share]:
-        """Parts of all members in all phases; electronics are the robot's alone."""
+        """Yield shares of drives, types and robot in all phases; electronics for robots alone."""
         for member in self.tallies:
             for phase in self.phases:
                 for found in self.shares(member, phase):
@@ -79,24 +82,27 @@ class Account:
                         yield found
 
     def power(self, phase: str = 'all') -> tuple[float, tuple[float, float]]:
-        """Metered W of the robot in a phase, with its interval."""
+        """Mean metered power of the robot in a phase, W, with its 90 % interval."""
         means = self.tallies[self.first].means[:, self.phases.index(phase), -1]
         low, high = interval(means).tolist()
         return float(means[0]), (low, high)
 
     @property
     def unexplained_w(self) -> float:
-        """W of the robot."""
+        """Mean metered power of the robot that no effect explains, W."""
         return next(s.mean_w for s in self.shares(self.first) if s.effect == UNEXPLAINED)
 
     @property
     def energy_wh(self) -> float:
-        """Metered energy of the robot over the rows that count."""
+        """Metered energy of the robot over all counted samples, Wh."""
         tally = self.tallies[self.first]
         return float(tally.sums[0, 0, -1]) / REDUCED_RATE / _JOULES
 
     def runtime(self, battery: float) -> dict[str, dict[str, Any]]:
-        """Hours by phase from a battery in Wh; phases that draw nothing are left out."""
+        """Runtime by phase from a battery in Wh: `hours`, and their 90 % `interval`.
+
+        A phase that draws no power is left out. The upper end is None where power may be 0.
+        """
         found = {}
         for phase in self.phases:
             watts, (low, high) = self.power(phase)
@@ -106,7 +112,7 @@ class Account:
         return found
 
     def json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return shares and totals as JSON-compatible values."""
         metered, _ = self.power()
         return {
             'rows': [vars(row) for row in self.rows()],

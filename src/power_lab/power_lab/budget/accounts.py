@@ -30,7 +30,7 @@ REGENERATION, MEASUREMENT = 'regeneration', 'measurement'
 
 @dataclass(frozen=True)
 class DriveAccount:
-    """Power by part of one drive, with slopes by K uncertain coefficients."""
+    """Power of E parts of one drive at N rows of 50 Hz, and its slopes by K coefficients."""
 
     parts: tuple[str, ...]
     power: Floats  # W [N, E]
@@ -47,11 +47,11 @@ class DriveAccount:
         torque_scale: Floats,
         measurement: tuple[Floats, Floats, Floats] | None,
     ) -> 'DriveAccount':
-        """Account of reduced power [N], with changes of all coefficients in draws [R, m].
+        """Build from a drive's power by effect at 50 Hz, W [N] each.
 
-        The shaft's power is divided by its sign: what the joint gave back is regeneration.
-        measurement: power of the meter's errors per unit [N, k], their estimates [k] and the
-        changes of these [R, k].
+        changes: deviations of all coefficients in R draws [R, m]; torque_scale: relative errors of
+        the torque [R]; measurement: power per unit of each meter error [N, k], estimates [k] and
+        deviations [R, k] of these errors. Negative shaft power becomes the part `regeneration`.
         """
         parts: dict[str, Floats] = {}
         for name, values in found.parts.items():
@@ -88,7 +88,11 @@ class DriveAccount:
         block: NDArray[np.intp],
         often: Floats,
     ) -> Tally:
-        """Sum over rows [N] of phases [N]; meter: W [N]; block and often as in `block_sums`."""
+        """Sum power over some rows by phase, in the estimate and in R draws.
+
+        rows: mask of the rows that count [N]; masks: rows of each phase [N]; meter: W [N], NaN
+        where unknown; block, often: as in `block_sums`.
+        """
         good = rows & np.isfinite(self.power).all(axis=1)
         unmetered = np.isnan(meter[rows]).all()
         if not unmetered:
@@ -119,7 +123,7 @@ DRAWS = 200  # draws of what is uncertain: ten of them lie beyond either bound o
 
 @dataclass(frozen=True)
 class PartsOverTime:
-    """Power of each part at 50 Hz beside the state of the drives."""
+    """Power of E parts of D drives and of M meters (D or 1) at N rows of 50 Hz, with the state."""
 
     names: tuple[str, ...]  # D drives
     parts: tuple[str, ...]
@@ -132,7 +136,10 @@ class PartsOverTime:
 
 
 class Accounts:
-    """Power of a fitted model by part on the recordings of a judge; count: of draws."""
+    """Power of a fitted model on a judge's recordings, by effect, drive and phase.
+
+    count: number of draws for intervals. InputError for a drive that the model does not cover.
+    """
 
     def __init__(
         self, judge: Judge, model: EffectModel, seed: int = 0, count: int = DRAWS
@@ -150,7 +157,7 @@ class Accounts:
 
     @cached_property
     def signals(self) -> Signals:
-        """Signals as the model takes them."""
+        """Signals, with the torque by the torque constants that the model was stored with."""
         signals = self.prepared.signals
         if self.judge.refits(self.model):
             return signals
@@ -165,7 +172,7 @@ class Accounts:
 
     @cached_property
     def base(self) -> BasePower | None:
-        """Power of the model's base."""
+        """Power of the model's base, None without one; InputError for gaps in joint signals."""
         found = power_under(self.judge.recordings, self.model)
         if found is None:
             return None
@@ -187,7 +194,7 @@ class Accounts:
 
     @property
     def masks(self) -> Masks:
-        """Rows of each phase [N, D]."""
+        """Boolean masks [N, D] of the rows in each phase, by name of the phase."""
         return self._described[1]
 
     @cached_property
@@ -206,7 +213,7 @@ class Accounts:
         return phase_masks(shaft, np.where(rest, 0.0, 1.0), np.full(1, 0.5), None)
 
     def tallies(self) -> tuple[PartsOverTime, list[dict[str, Tally]]]:
-        """Rows, and for each recording the tallies of drives, types of drives and the robot."""
+        """Return the parts over time and, for each recording, tallies by drive, type and robot."""
         prepared, names = self.prepared, self.prepared.signals.names
         state, masks = self._described
         found: list[dict[str, Tally]] = [{} for _ in prepared.recordings]
@@ -234,7 +241,7 @@ class Accounts:
 
     @property
     def together(self) -> list[list[int]]:
-        """Drives that are computed at once: each by itself where no effect looks at others."""
+        """Indices of drives to evaluate jointly: one each, unless an effect couples the drives."""
         drives = range(len(self.members))
         apart = all(active.effect.per_drive for active in self.model.structure.actives)
         return [[drive] for drive in drives] if apart else [[*drives]]

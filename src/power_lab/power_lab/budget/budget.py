@@ -23,7 +23,7 @@ from power_lab.budget.tally import Tally, interval
 
 @dataclass(frozen=True)
 class Steady:
-    """A model of one drive at the voltage and temperature of a recording's middle."""
+    """Model of one drive in steady motion, at a recording's median voltage and temperature."""
 
     drive: int
     structure: Structure
@@ -31,7 +31,7 @@ class Steady:
     signals: Signals  # of that drive, D = 1
 
     def power(self, speed: Floats, torque: Floats) -> Floats:
-        """W at speeds in rad/s and torques in N·m [G]; what remembers its past is left out."""
+        """Power, W [G], at speeds in rad/s and torques in N·m [G], without effects with memory."""
         count, nothing = len(speed), np.zeros((len(speed), 1))
         own = self.signals
         steady = replace(
@@ -64,18 +64,18 @@ class Steady:
 
 @dataclass(frozen=True)
 class Budget:
-    """Budgets of recordings by one model, with what changes of the drives would save."""
+    """Energy budgets of recordings by one model, and the savings by changes of the drives."""
 
     model: EffectModel
-    chosen: bool  # by itself, from the recordings
+    chosen: bool  # automatically, from the recordings
     accounts: tuple[Account, ...]  # by recording
     account: Account  # of all of them
-    pictured: PartsOverTime
+    pictured: PartsOverTime  # of all recordings, for plots
     levers: tuple[Lever, ...]
     refused: tuple[str, ...]  # levers that the model cannot carry over, and why
-    steady: Mapping[str, Steady]  # of a drive of each type
+    steady: Mapping[str, Steady]  # of the first drive of each type
     battery: float | None  # Wh
-    error_w: float  # rms of the model where it was not fitted
+    error_w: float  # held-out rms error of the model
 
     @property
     def origin(self) -> str:
@@ -86,7 +86,7 @@ class Budget:
 
     @cached_property
     def differences(self) -> tuple[BudgetDifference, ...]:
-        """Power that each recording draws more than the first, by part, the meter's last."""
+        """Mean power of each recording less that of the first, by drive, phase and part."""
         base = self.accounts[0]
         found = []
         for other in self.accounts[1:]:
@@ -105,7 +105,7 @@ class Budget:
         return tuple(found)
 
     def table(self) -> str:
-        """Tables to print."""
+        """Return the budget as text tables, 100 columns wide."""
         return tables(
             headline(self.account, self.levers),
             self.origin,
@@ -117,7 +117,7 @@ class Budget:
         )
 
     def json(self) -> dict[str, Any]:
-        """Plain values, as commands write them."""
+        """Return JSON-compatible values, as `budget --json` writes them."""
         found = {
             'model': self.model.name,
             'effects': list(self.model.effects),
@@ -149,10 +149,12 @@ def budget(
     seed: int = 0,
     draws: int = DRAWS,
 ) -> Budget:
-    """Account for the power of recordings by a fitted model.
+    """Split the metered power of recordings by effect, drive and phase with a fitted model.
 
-    chosen: whether the model was; changes: factors by lever, in place of 10 % of each; battery:
-    Wh; draws: of what is uncertain, 0 for a first look without intervals, levers and error.
+    chosen: whether the model was chosen automatically; changes: factor by lever (`gear_ratio`:
+    1.1), by default 10 % of each; battery: Wh; draws: number of random draws for intervals, 0 for
+    neither intervals nor levers nor error. InputError for a drive or change that the model does
+    not cover.
     """
     accounts = Accounts(judge, model, seed, draws)
     rows, tallies = accounts.tallies()

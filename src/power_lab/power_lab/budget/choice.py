@@ -53,10 +53,10 @@ def chosen_effects(judge: Judge) -> list[str]:
 
 
 def chosen_model(judge: Judge, seed: int = 0) -> EffectModel:
-    """A model of chosen effects, of which the last lower the error on held-out data as well.
+    """Fit the chosen effects; the last are dropped while the held-out error rises by at most 1 %.
 
-    They are chosen about one point and one delay; here the meter's errors of each recording count,
-    as in every other error. Intervals are not asked for: a budget draws its own.
+    Errors are those of whole fits, with errors of the meter by recording. The model has no
+    intervals: a budget draws its own.
     """
 
     def of(names: Sequence[str]) -> EffectModel:
@@ -79,7 +79,7 @@ def held_out_w(model: EffectModel) -> float:
 
 
 def judge_of_pieces(judge: Judge) -> Judge:
-    """The judge of pieces of 12 s, spread over recordings that are long for their drives."""
+    """Judge of 12 s pieces spread evenly over long recordings; the given judge for short ones."""
     loaded = judge.recordings
     data = loaded.data
     length = round(_PIECE * data.rate)

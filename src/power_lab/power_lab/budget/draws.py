@@ -28,10 +28,10 @@ _TO_DEVIATION: Final = 1.0 / 1.96  # of a 95 % interval's half
 
 @dataclass(frozen=True)
 class Draws:
-    """Coefficients of a model by drive, and errors of the measurement by meter.
+    """R random draws of a model's coefficients by drive, and of the measurement's errors by meter.
 
-    structure and point [M, p] are the model's as the meters show it; terms are of the measurement,
-    none where the model was not fitted on these recordings.
+    structure, point [M, p]: the model's terms and coefficients as the M meters see them; terms: k
+    errors of the measurement, none where the model was not fitted on these recordings.
     """
 
     coefficients: Floats  # [R, D, m]
@@ -44,12 +44,11 @@ class Draws:
 
 
 def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 0) -> Draws:
-    """Draw coefficients of a fitted model on recordings.
+    """Draw coefficients of a fitted model, as uncertain as its recordings leave them.
 
-    Of recordings that it was fitted on: by the posterior, which allows for sensors, delay and what
-    no formula explains; errors of the meter apart from them, by their intervals. Of other
-    recordings, and of a model with a base or a prior: the intervals that it was stored with.
-    count: of draws; 0 asks for no posterior.
+    On the recordings that it was fitted on they come from the posterior, and errors of the meter
+    from their intervals. On others, and with a base or a prior, all come from the stored
+    intervals. count: number of draws R; 0 skips the posterior.
     """
     prepared, random = judge.prepared, np.random.default_rng(seed)
     names = prepared.signals.names

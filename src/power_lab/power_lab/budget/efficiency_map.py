@@ -29,7 +29,7 @@ class EfficiencyMap:
 
     @classmethod
     def of(cls, name: str, steady: Steady, state: Mapping[str, Floats]) -> 'EfficiencyMap':
-        """Evaluate a model of one drive where its rows have been: torque, velocity [N, D]."""
+        """Evaluate a drive's model over its visited range; state: `torque`, `velocity` [N, D]."""
         torque, velocity = (state[key][:, steady.drive] for key in ('torque', 'velocity'))
         speed, along = np.abs(velocity), torque * np.sign(velocity)
         ends = np.quantile(along, [_RARE, 1.0 - _RARE])
@@ -44,7 +44,7 @@ class EfficiencyMap:
         return cls(name, x, y, percent, np.stack([speed[every], along[every]], axis=1))
 
     def json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return JSON-compatible values, rounded to 0.001."""
         values = self.speed, self.torque, self.percent, self.states
         names = 'speed', 'torque', 'percent', 'states'
         rounded = {n: np.round(own, 3).tolist() for n, own in zip(names, values, strict=True)}
@@ -52,6 +52,6 @@ class EfficiencyMap:
 
 
 def efficiency_maps(budget: Budget) -> list[EfficiencyMap]:
-    """Map each type of drives of a budget."""
+    """Return an efficiency map for each drive type of a budget; none for a model with a base."""
     state = budget.pictured.state
     return [EfficiencyMap.of(name, steady, state) for name, steady in budget.steady.items()]

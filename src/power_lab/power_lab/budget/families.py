@@ -33,5 +33,5 @@ FAMILIES: Final[Mapping[str, tuple[str, str, tuple[str, ...]]]] = {
 
 
 def family_of(effect: str) -> str:
-    """The family of a part."""
+    """Key of the family in FAMILIES that an effect is drawn in; `other` where none has it."""
     return next((name for name, (_, _, own) in FAMILIES.items() if effect in own), 'other')

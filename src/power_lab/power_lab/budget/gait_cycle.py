@@ -28,7 +28,7 @@ class GaitCyclePower:
 
     @classmethod
     def of(cls, rows: PartsOverTime) -> 'GaitCyclePower | None':
-        """Average over strides; None where no feet were recorded or a leg takes too few."""
+        """Average over strides; None without foot contacts, drive meters or five strides a leg."""
         if 'stance' not in rows.masks or rows.metered.shape[1] != len(rows.names):
             return None
         legs = {name.split('_')[0] for name in rows.names}
@@ -59,7 +59,7 @@ class GaitCyclePower:
         return cls(percent, sums, metered, 100.0 * float(np.mean(duty)))
 
     def json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return JSON-compatible values, power rounded to 1 mW."""
         return {
             'percent': self.percent.tolist(),
             'families': {name: np.round(own, 3).tolist() for name, own in self.families.items()},

@@ -25,7 +25,7 @@ _EITHER: Final = ('gear_ratio', 'supply_voltage')  # may save in either directio
 
 @dataclass(frozen=True)
 class Lever:
-    """Change of the mean power, negative where it saves."""
+    """Change of the mean power in W by a change such as `gear_ratio=1.1`; negative saves."""
 
     change: str
     mean_w: float
@@ -54,11 +54,11 @@ def parse_changes(text: str) -> dict[str, float]:
 def saved(
     accounts: Accounts, changes: Mapping[str, float], misfit: float
 ) -> tuple[list[Lever], list[str]]:
-    """Change of the power of all drives by each of the changes and by all of them.
+    """Estimate what changes of the drives save; return levers, and why others cannot be judged.
 
-    Without changes, what 10 % of each lever saves, the largest first; of levers that the model
-    cannot carry over, why. misfit: share of the power that the model leaves unexplained, by which
-    intervals are wider. InputError for a change that the model cannot carry over.
+    changes: factor by lever, judged one by one and all together; without any, 10 % of each lever,
+    the largest saving first. misfit: share of the power that is unexplained, which widens
+    intervals. InputError for a given change that the model cannot predict.
     """
     trial = _Trial(accounts, misfit)
     if changes:
@@ -152,9 +152,9 @@ class _Trial:
 
 
 def carried_over(model: EffectModel, signals: Signals, lever: str, factor: float) -> Floats:
-    """Factors [m] of a model's coefficients under a lever.
+    """Factors [m] on a model's coefficients when a lever changes by a factor.
 
-    InputError where the model does not say what becomes of them, naming the effect.
+    InputError where the model does not say how an effect's coefficients change, naming the effect.
     """
     if model.base is not None:
         raise InputError(f'{lever}: what becomes of the base model {model.base} is not known')

@@ -21,12 +21,12 @@ _COLUMNS = 6  # members or phases side by side
 
 
 def in_words(name: str) -> str:
-    """A part's name for readers."""
+    """Name of a part with spaces for underscores."""
     return name.replace('_', ' ')
 
 
 def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
-    """Mean power, its three largest kinds of parts, the best lever, and what is unexplained."""
+    """Sentence with the mean power, its largest parts, the unexplained share, the best lever."""
     watts, _ = account.power()
     shares = account.shares(account.first)
     kinds: dict[str, float] = defaultdict(float)
@@ -72,9 +72,10 @@ def tables(
     refused: Sequence[str],
     battery: float | None,
 ) -> str:
-    """Parts by size, by drive and by phase, levers, hours and differences, as text.
+    """Render a budget as text: parts, drives, phases, battery hours, differences and levers.
 
-    accounts: of all recordings as one, then of each. battery: Wh.
+    sentence, model: the first two lines; accounts: all recordings pooled, then each; refused: why
+    levers are missing; battery: Wh, None for no hours.
     """
     made = _of_account(accounts[0])
     if battery:

@@ -27,17 +27,17 @@ class Tally:
 
     @classmethod
     def beside(cls, members: Sequence['Tally']) -> 'Tally':
-        """The tally of several drives."""
+        """Add tallies of different drives over the same rows."""
         drives = sum(member.drives for member in members)
         return cls(members[0].parts, *_summed(members), drives)
 
     @classmethod
     def joined(cls, recordings: Sequence['Tally']) -> 'Tally':
-        """The tally of the same drives over several recordings."""
+        """Add tallies of the same drives over several recordings."""
         return cls(recordings[0].parts, *_summed(recordings), recordings[0].drives)
 
     def with_constant(self, part: str, watts: Floats) -> 'Tally':
-        """The same with a constant draw, W [1 + R], as another part, which the meter sees too."""
+        """Return a tally with a further part of constant power, W [1 + R], metered as well."""
         added = (watts[:, None] * self.counts / self.drives)[..., None]
         ends = self.sums[..., :-1], added, self.sums[..., -1:] + added
         return Tally((*self.parts, part), np.concatenate(ends, axis=2), self.counts, self.drives)
@@ -49,7 +49,7 @@ class Tally:
 
     @property
     def means(self) -> Floats:
-        """W in each phase of each of the rows [1 + R, P, E + 2]."""
+        """Mean power in W by phase and part, in the order of `rows` [1 + R, P, E + 2]."""
         with np.errstate(invalid='ignore', divide='ignore'):
             means = self.sums / self.counts[..., None] * self.drives
         rest = means[..., -1:] - means[..., :-1].sum(axis=2, keepdims=True)
@@ -62,10 +62,9 @@ def _summed(tallies: Sequence[Tally]) -> tuple[Floats, Floats]:
 
 
 def interval(draws: Floats) -> Floats:
-    """The 90 % interval of an estimate and its draws [1 + R, …], which holds the estimate.
+    """90 % bounds [..., 2] of an estimate and its R draws [1 + R, ...]; they include the estimate.
 
-    A draw in which a rare phase did not occur has NaN, and says nothing against the estimate.
-    NaN without draws.
+    A NaN draw, in which a rare phase did not occur, counts as the estimate. NaN without draws.
     """
     if len(draws) < 2:
         return np.full((*draws.shape[1:], 2), np.nan)
@@ -75,7 +74,7 @@ def interval(draws: Floats) -> Floats:
 
 
 def blocks_of(stretches: Sequence[slice], length: int) -> NDArray[np.intp]:
-    """Number of the block of so many rows, or what is left of a stretch, of each row."""
+    """Number of each row's block [N]; a block has `length` rows, or the rest of its stretch."""
     numbers, first = [np.empty(0, np.intp)], 0
     for part in stretches:
         own = np.arange(part.stop - part.start) // length
@@ -89,8 +88,8 @@ def block_sums(
 ) -> tuple[Floats, Floats]:
     """Sums [1 + R, P, E] and counts [1 + R, P] of rows [N, E] in phases [P, N].
 
-    First as they are, then with the blocks, numbered in block [N], drawn anew: each counts often
-    [R, B].
+    Entry 0 counts each row once. In draw r, block b counts often[r, b] times; often: [R, B];
+    block: number of the block of each row [N].
     """
     weights = np.concatenate([np.ones((1, often.shape[1])), often])
     sums, counts = [], []
@@ -109,9 +108,9 @@ PHASES: Final = ('all', 'driving', 'braking', 'rest', 'stance', 'swing')
 def phase_masks(
     torque: Floats, velocity: Floats, standstill: Floats, feet: NDArray[np.str_] | None
 ) -> Mapping[str, Bools]:
-    """Rows of each phase [N, D], from N·m and rad/s at 50 Hz; feet: words by leg, '' for none.
+    """Boolean masks [N, D] by phase, from torque in N·m and velocity in rad/s [N, D] at 50 Hz.
 
-    At rest the speed is below standstill [D], whatever the load.
+    standstill: speed below which a drive rests, rad/s [D]; feet: `stance`, `swing` or '' [N, D].
     """
     rest = np.abs(velocity) < standstill
     drives = torque * velocity >= 0.0

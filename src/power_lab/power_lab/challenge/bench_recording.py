@@ -27,11 +27,11 @@ _LEAST_LOAD = 3.0  # N·m, so that there is something to swing
 
 
 class BenchMotion(MotionController):
-    """The segments of a motion file as commands to the drive of a stand.
+    """Commands to one drive on a pendulum stand, from the segments of a motion file.
 
-    The pendulum is as heavy as the largest load asks for. A held load is an angle at which the
-    pendulum pulls as much; at speed the load swings between plus and minus the largest one. The
-    node `drive_bench run` goes by the same plan, with ramps where this one jumps.
+    The pendulum is heavy enough for the largest load. A static load is the angle at which it pulls
+    as much; at speed the load swings between plus and minus the largest one. `drive_bench run`
+    follows the same plan, with ramps where this one jumps.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,12 +44,12 @@ class BenchMotion(MotionController):
 
     @property
     def seconds(self) -> float:
-        """Length of all segments."""
+        """Duration of all segments, s."""
         return self.motion.seconds
 
     @property
     def stand(self) -> Stand:
-        """The pendulum that can put on the loads."""
+        """Stand with a pendulum that can exert the loads."""
         mass = _SPARE * self.load / (_GRAVITY * _LENGTH)
         return Stand(_INERTIA, mass, _LENGTH)
 
@@ -66,10 +66,10 @@ def record_motion(
     overwrite: bool = False,
     progress: bool = False,
 ) -> tuple[str, float]:
-    """Record a motion file into a bag; return the drive and the seconds.
+    """Simulate a motion file on one drive of the bench into a bag; return drive and seconds.
 
-    drive: the first that the motion names, where none is given. challenge: its robot takes the
-    place of the plant's unit. InputError for a drive that the bench does not have.
+    drive: by default the first that the motion names; challenge: bag whose sealed robot replaces
+    the plant's unit. InputError for a drive that the bench does not have.
     """
     from sim_bridge.offline.run import OfflineRun, write_bag  # the simulated bus
     from sim_bridge.plant.world import stand_world
@@ -96,7 +96,7 @@ _LEAST = 1.0  # s of a segment
 
 
 def shortened(motion: Motion, seconds: float) -> Motion:
-    """The motion with all segments cut by one factor; waves keep a period, the others 1 s."""
+    """Motion cut to about `seconds` by one factor; waves keep a period, other segments 1 s."""
     whole = sum(float(segment['seconds']) for segment in motion.segments)
     factor = min(seconds / max(whole, 1e-9), 1.0)
 
@@ -116,7 +116,10 @@ def record_on_bench(
     riddle: Path | None,
     tell: Callable[[str], None],
 ) -> None:
-    """Save a motion fitted to its drive's limits, and record it; tell how long that will take."""
+    """Fit a motion to its drive's limits, save it to `file` and record it to the bag `output`.
+
+    riddle: bag of a challenge whose robot is used; tell: takes a line with the expected time.
+    """
     from sim_bridge.plant.parameters import Plant  # slow to import: the simulator
 
     from power_lab.challenge.bench_recording import record_motion  # imports the simulator

@@ -48,7 +48,7 @@ class Challenge:
     """Hidden effects of a challenge, and those that the model may know."""
 
     hidden: tuple[str, ...]
-    strength: float
+    strength: float  # times the usual size of the hidden effect
     known: tuple[str, ...]  # effects of the base model
     unit: int
 
@@ -70,7 +70,7 @@ class Challenge:
 
     @classmethod
     def of(cls, answer: Mapping[str, Any]) -> 'Challenge':
-        """From an answer that was unsealed."""
+        """Build from the content of an unsealed answer."""
         return cls(
             hidden=tuple(answer['hidden']),
             strength=float(answer['strength']),
@@ -79,7 +79,7 @@ class Challenge:
         )
 
     def content(self) -> dict[str, Any]:
-        """The answer in words and numbers."""
+        """Return the answer as JSON-compatible values."""
         return {
             'hidden': list(self.hidden),
             'strength': self.strength,
@@ -90,7 +90,7 @@ class Challenge:
 
 
 def draw(seed: int) -> Challenge:
-    """The challenge of a seed."""
+    """Draw a challenge from a seed, the same for the same seed."""
     random = np.random.default_rng([seed, 2024])
     kind = random.uniform()
     known = [*ALWAYS, *(name for name in SOMETIMES if random.uniform() < 0.7)]
@@ -108,7 +108,7 @@ def draw(seed: int) -> Challenge:
 
 
 def seal(challenge: Challenge, bag: Path) -> Path:
-    """Write the answer beside the recording, unreadable at a glance.
+    """Write the answer into the bag, unreadable at a glance; return its path.
 
     It guards against looking by accident, not against wanting to know.
     """
@@ -116,7 +116,7 @@ def seal(challenge: Challenge, bag: Path) -> Path:
 
 
 def seal_content(content: Mapping[str, Any], folder: Path) -> Path:
-    """Write an answer into a folder, as `seal` does."""
+    """Write an answer into a folder as `seal` does; return its path."""
     path = folder / SEALED
     packed = zlib.compress(json.dumps(content).encode())
     write_whole(path, base64.b64encode(_mixed(packed)).decode() + '\n')
@@ -124,7 +124,7 @@ def seal_content(content: Mapping[str, Any], folder: Path) -> Path:
 
 
 def unseal(bag: Path) -> dict[str, Any]:
-    """The sealed answer of a challenge; InputError if the bag is none or the seal is damaged."""
+    """Read the sealed answer of a challenge; InputError without one or where it is damaged."""
     path = bag / SEALED
     try:
         packed = _mixed(base64.b64decode(path.read_text(encoding='ascii').strip(), validate=True))
@@ -139,7 +139,11 @@ def unseal(bag: Path) -> dict[str, Any]:
 
 
 def score(answer: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
-    """One word: right, in the set, part, missed or wrong."""
+    """Grade a diagnosis by the answer: `right`, `in the set`, `part`, `missed` or `wrong`.
+
+    in the set: the hidden effect is one of several plausible ones; part: not all are named;
+    missed: none is.
+    """
     hidden, found = set(answer['hidden']), set(diagnosis.get('effects', []))
     verdict = diagnosis.get('verdict')
     if answer['expected'] != 'named':

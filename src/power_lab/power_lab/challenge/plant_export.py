@@ -34,8 +34,8 @@ _MOST = 10.0
 def to_plant(model: EffectModel, plant: Plant) -> tuple[Plant, dict[str, float]]:
     """The plant with the model's effects on at the strength that was fitted, all others off.
 
-    Returns it with the strengths, each the mean over the drive types. InputError for a model
-    without coefficients or with an effect that the simulator has not.
+    Returns it with the strengths, in multiples of the plant's own, each the mean over the drive
+    types. InputError for a model without coefficients or with an effect unknown to the simulator.
     """
     if not model.fitted:
         raise InputError(f'{model.name}: the model has no coefficients yet; fit it first')

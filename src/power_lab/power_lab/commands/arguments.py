@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 
 
 def add_effects_path(parser: ArgumentParser) -> None:
-    """Files of the user's own effects."""
+    """Add --effects-path: files of the user's own effects."""
     parser.add_argument(
         '--effects-path',
         nargs='+',
@@ -24,7 +24,7 @@ def add_effects_path(parser: ArgumentParser) -> None:
 
 
 def add_bags(made: ArgumentParser) -> None:
-    """Recordings and drives."""
+    """Add the recordings (positional), --drives, and the options of `add_reading`."""
     made.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings')
     made.add_argument(
         '--drives',
@@ -37,7 +37,7 @@ def add_bags(made: ArgumentParser) -> None:
 
 
 def add_reading(made: ArgumentParser) -> None:
-    """Seconds that are left out, and recordings that are refused unless one insists."""
+    """Add --without for seconds to leave out, and options that admit doubtful recordings."""
     made.add_argument(
         '--without',
         nargs='+',
@@ -50,13 +50,13 @@ def add_reading(made: ArgumentParser) -> None:
 
 
 def add_output(made: ArgumentParser, name: str, what: str = 'file to write') -> None:
-    """The file that a command writes, with the ending of its name in the help."""
+    """Add a required -o/--output; name: placeholder in the help, whose suffix a file must have."""
     kind = ending('-o', Path(name).suffix)
     made.add_argument('-o', '--output', type=kind, required=True, metavar=name, help=what)
 
 
 def add_outputs(made: ArgumentParser, *, report: bool = True) -> None:
-    """Arguments for files of results."""
+    """Add --json, and --report for an HTML page unless report is false."""
     made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
     if report:
         made.add_argument(

@@ -28,11 +28,11 @@ _WIDE: Final = 140  # columns, for tables that are read in a file
 
 @contextmanager
 def opened(options: argparse.Namespace, models: Sequence[str]) -> Iterator[tuple[Session, Show]]:
-    """Read the recordings that options name, side by side where it is worth it.
+    """Read the recordings that options name, in worker processes where that saves time.
 
-    Yield the session, and what changes the text of progress. InputError for a model that cannot
-    be loaded comes first. Without --workers or --scheduler workers are worth it from 100 MB: they
-    take seconds to begin.
+    Yield the session, and a function that sets the text of progress. InputError for a model that
+    cannot be loaded comes before reading. Workers take seconds to start: without --workers or
+    --scheduler they are used from 100 MB.
     """
     check_recordings(options.bags)
     catalogue = load_catalogue(options.effects_path)
@@ -54,16 +54,13 @@ def check_models(specs: Sequence[str], catalogue: Catalogue) -> None:
 
 
 def reading_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Choices of drives and doubts, as recordings are read."""
+    """Return arguments of `load` from options: drives, slow, anyway and without."""
     names = ('drives', 'slow', 'anyway', 'without')
     return {name: getattr(options, name) for name in names}
 
 
 def next_command(command: str, options: argparse.Namespace, *more: object) -> str:
-    """The line that tells what to type next on the same recordings, with the same choices.
-
-    more: what the command takes beside them.
-    """
+    """Line with the next command to type, on the same recordings; more: its further words."""
     bags = ['--bag', *options.bags] if command == 'add' else options.bags
     words = [command, *more, *bags] if command == 'add' else [command, *bags, *more]
     for name in ('drives', 'without', 'effects_path'):
@@ -75,7 +72,7 @@ def next_command(command: str, options: argparse.Namespace, *more: object) -> st
 
 
 def unused(name: str) -> str:
-    """A name of a file to write that is not there: `better.yaml`, else `better2.yaml` and on."""
+    """File name that does not exist yet: `better.yaml`, else `better2.yaml` and so on."""
     path = Path(name)
     others = (f'{path.stem}{number}{path.suffix}' for number in itertools.count(2))
     return next(one for one in itertools.chain([name], others) if not Path(one).exists())

@@ -74,11 +74,11 @@ class BothSides:
     remark: str = ''  # why no more is said
 
     def json(self) -> dict[str, Any]:
-        """As commands write it."""
+        """Return JSON-compatible values, as `fit --json` writes them."""
         return {**asdict(self), 'text': self.lines()}
 
     def lines(self) -> list[str]:
-        """Sentences, one for each quantity."""
+        """Sentences on the findings, one for each quantity."""
         parts = [
             (self.torque_constant, '{} N·m/A at the joint, from the power that its current makes'),
             (self.by_torque, '{} N·m/A by the torque sensor at standstill'),
@@ -123,7 +123,10 @@ class BothSides:
 
 
 def both_sides(judge: Judge, seed: int = 0) -> dict[str, BothSides]:
-    """Analyse the drives that have a torque at the joint beside the current of their motor."""
+    """Compare current and torque by drive, for drives that have both; {} for none.
+
+    The torque is that at the joint. seed: of the bootstraps that give 95 % intervals.
+    """
     prepared, settings = judge.prepared, judge.settings.fit
     current, signals = prepared.signals.motor_current, prepared.signals
     if current is None or prepared.whole:

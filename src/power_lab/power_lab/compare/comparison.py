@@ -23,17 +23,17 @@ from power_lab.compare.regimes import Regime, worst_regimes
 
 @dataclass(frozen=True)
 class Comparison:
-    """All models on the same samples."""
+    """Held-out errors of models on the same samples, and the regimes in which each is worst."""
 
     prepared: Prepared
     models: tuple[JudgedModel, ...]
     regimes: tuple[tuple[Regime, ...], ...]  # of each model, the worst first
-    state: Mapping[str, Floats]
+    state: Mapping[str, Floats]  # signals by name [N, D]
     labels: Mapping[str, NDArray[np.str_]]
     both: Mapping[str, BothSides]  # of drives with torque at the joint and motor current
 
     def json(self) -> dict[str, Any]:
-        """As `compare --json` writes it."""
+        """Return JSON-compatible values, as `compare --json` writes them."""
         noise = zip(self.prepared.names, self.prepared.noise.tolist(), strict=True)
         return {
             'models': [
@@ -62,7 +62,10 @@ class Comparison:
 
 
 def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Comparison:
-    """Judge models by name or file, and find where each fails."""
+    """Judge models on recordings by file or name, and find where each fails.
+
+    specs: `model.yaml`, `ppn:RUN` or a proxy each. InputError for one that cannot be loaded.
+    """
     return comparison(
         Judge(loaded, catalogue), [load_model(spec, catalogue) for spec in specs], specs
     )
@@ -71,7 +74,7 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
 def comparison(
     judge: Judge, models: Sequence[PowerModel], specs: Sequence[str] = ()
 ) -> Comparison:
-    """Judge models, and find where each fails; specs: by which networks are shown."""
+    """Judge loaded models and find where each fails; specs: names to show for networks."""
     shown = [
         model.name if isinstance(model, EffectModel | Proxy) else spec
         for model, spec in zip(models, specs or [m.name for m in models], strict=True)
@@ -93,14 +96,14 @@ def comparison(
 
 
 def by_drive(residual: Floats, prepared: Prepared) -> Floats:
-    """Residual of the meters [N, M] beside each drive's state, [N, D]."""
+    """Broadcast values of the meters [N, M] to the drives [N, D]; M is D, or 1 for one meter."""
     return np.broadcast_to(residual, (len(residual), len(prepared.signals.names)))
 
 
 def describe_state(
     prepared: Prepared, loaded: Loaded
 ) -> tuple[dict[str, Floats], dict[str, NDArray[np.str_]]]:
-    """Signals and words over which a model may fail, [N, D] each."""
+    """Return signals, and labels (`phase`, `controller`), to bin errors by; [N, D] each, 50 Hz."""
     state = prepared.state()
     shape = state['torque'].shape
     if prepared.steady:

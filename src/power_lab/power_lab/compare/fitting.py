@@ -27,9 +27,11 @@ def fitted(
     prior: Prior | None = None,
     intervals: bool = True,
 ) -> EffectModel:
-    """A model of effects with its held-out error as the beginning of its history.
+    """Fit a model of effects; its history begins with its held-out error.
 
-    intervals: by the posterior, which takes most of the time.
+    base: model that effects are added to; per: 'type' or 'drive', which shares coefficients;
+    prior: distributions of coefficients to start from; intervals: compute them by the posterior,
+    which takes most of the time. InputError for recordings that are too short or too still.
     """
     under = judge.base(base)
     names = {active.name for active in effects}
@@ -62,7 +64,7 @@ def fitted(
 def extended(
     judge: Judge, model: EffectModel, new: Sequence[Active], name: str, **how: Any
 ) -> EffectModel:
-    """A model with effects added and all coefficients fitted anew; how: as in `refitted`."""
+    """Add effects to a model and refit all coefficients; how: arguments of `refitted`."""
     better = refitted(judge, model, [*model.structure.actives, *new], name, **how)
     before = judge.score(model)
     entry = {
@@ -84,7 +86,7 @@ def refitted(
     per: str | None = None,
     seed: int = 0,
 ) -> EffectModel:
-    """Effects fitted on a model's base; per: as the model's drives share, where none is given."""
+    """Fit effects on a model's base and prior; per: 'type' or 'drive', by default the model's."""
     alone = all(group.type.patterns == (group.type.name,) for group in model.groups)
     own = 'drive' if model.groups and alone else 'type'
     return fitted(
@@ -93,10 +95,10 @@ def refitted(
 
 
 def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:
-    """Effects by name, apart by commas or spaces: `shaft,copper_loss idle`.
+    """Parse names of effects separated by commas or spaces: `shaft,copper_loss idle`.
 
-    Errors of the measurement may be named as well; every fit has them anyway. InputError for an
-    unknown or repeated name.
+    Errors of the measurement may be named but are left out, as every fit has them. InputError for
+    an unknown or repeated name.
     """
     names = ' '.join(texts).replace(',', ' ').split()
     if not names:

@@ -9,7 +9,7 @@ from power_estimator.posterior.priors import LEAST_TO_JUDGE
 
 
 def notes(prepared: Prepared) -> list[str]:
-    """Facts that a fit rests on: little data, one meter, torque computed from a current."""
+    """Sentences on what limits a fit: little data, one meter, torque computed from a current."""
     found = []
     if prepared.steady:
         found.append(
@@ -44,5 +44,5 @@ def notes(prepared: Prepared) -> list[str]:
 
 
 def without_time() -> list[str]:
-    """Names of what operating points do not show."""
+    """Names of effects that steady operating points cannot show."""
     return [effect.name for effect in builtin_catalogue().values() if effect.needs_time]

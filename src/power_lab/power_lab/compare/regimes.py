@@ -28,25 +28,25 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Regime:
-    """A range of state in which the error has a mean."""
+    """Range of a drive's state (torque, speed, …) with a model's mean error in it."""
 
     drive: str
     conditions: tuple[str, ...]  # words
-    bounds: Mapping[str, tuple[float, float]]
+    bounds: Mapping[str, tuple[float, float]]  # by quantity
     error_w: float  # mean of estimated − measured
     seconds: float
     share: float  # of the drive's squared error that this mean makes up
 
     @property
     def text(self) -> str:
-        """For example: LF_KFE, driving, 20 to 40 N·m, above 3 rad/s: 14 W too low."""
+        """Text such as: LF_KFE, driving, 20 to 40 N·m, above 3 rad/s: 14 W too low."""
         size = abs(self.error_w)
         amount = f'{size:.0f}' if size >= 10 else f'{size:.2g}'
         side = 'low' if self.error_w < 0 else 'high'
         return f'{", ".join((self.drive, *self.conditions))}: {amount} W too {side}'
 
     def json(self) -> dict[str, object]:
-        """As the commands write it."""
+        """Return JSON-compatible values, as the commands write them."""
         return {
             'text': self.text,
             'drive': self.drive,
@@ -61,7 +61,7 @@ class Regime:
 
 @dataclass(frozen=True)
 class Bin:
-    """Error in one bin of one quantity."""
+    """Mean and rms error, W, of the samples in one bin of a quantity."""
 
     low: float
     high: float
@@ -78,10 +78,11 @@ def worst_regimes(
     count: int = 5,
     scale: DriveScale | None = None,
 ) -> list[Regime]:
-    """The worst ranges over all drives, the worst first; a quantity at most once a drive.
+    """Ranges of state with the largest mean errors, worst first; a quantity at most once a drive.
 
-    residual: measured − estimated, W [N, D]; state: signals [N, D] by name; labels: words
-    [N, D] by name, such as stance or controller.
+    residual: measured − estimated, W [N, D]; state: signals [N, D] by name; labels: words [N, D]
+    by name, such as stance; count: ranges to return; scale: sizes of the drives, which scale the
+    ranges.
     """
     found: list[Regime] = []
     for drive, name in enumerate(names):
@@ -104,7 +105,11 @@ def worst_regimes(
 
 
 def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
-    """Error (estimated − measured) over one quantity in ranges of equal width."""
+    """Mean and rms error, estimated − measured in W, over a quantity in count equal ranges.
+
+    values: of the quantity [N]; residual: measured − estimated, W [N]. [] for fewer than 25
+    samples.
+    """
     good = np.isfinite(values) & np.isfinite(residual)
     values, error = values[good], -residual[good]
     if values.size < _LEAST_ROWS:
@@ -126,12 +131,12 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
 
 
 def digits(value: float) -> str:
-    """Three digits without a power of ten."""
+    """Format with three significant digits and no exponent."""
     return f'{float(f"{value:.3g}"):.10g}'
 
 
 def standstill(scale: DriveScale, drive: int) -> float:
-    """Speed in rad/s below which a drive is at rest in the words of a regime."""
+    """Speed in rad/s below which regimes call a drive at rest."""
     return _Edges.of(*scale.of(drive)[:2]).still
 
 
@@ -287,9 +292,9 @@ _SPAN = 12.0  # s shown of a recording
 
 
 def worst_stretch(residual: Floats, gap_free: Sequence[slice] = ()) -> slice:
-    """The part of at most 12 s in which the squared residual is largest.
+    """Slice of at most 12 s in which the squared residual sums to most; residual: 50 Hz [N].
 
-    gap_free: stretches of rows [N], of which the part lies in one; none: all rows are one.
+    gap_free: slices without gaps, in one of which it lies; by default all rows are one.
     """
     best, most = slice(0, 0), -1.0
     for within in gap_free or [slice(0, len(residual))]:

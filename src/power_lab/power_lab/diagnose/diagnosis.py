@@ -42,10 +42,11 @@ def chance_w2(evidence: Evidence, prepared: Prepared) -> Floats:
 
 
 def residual(found: JudgedEffects, base: Evidence, best: Evidence, prepared: Prepared) -> Residual:
-    """Error that stays with the names.
+    """Held-out error that the named effects leave unexplained.
 
-    It counts from what a good sensor's scale is off by, of the rms power: on average over the
-    meters, or from twice that on one alone.
+    found: gives the causes that it follows; base, best: evidence without and with the named
+    effects. It counts if, by its rms, it reaches the usual scale error of a good sensor times the
+    power, or twice that on a single meter.
     """
     by_chance = chance_w2(best, prepared)
     left = np.maximum(best.mean_mse - by_chance, 0.0)
@@ -102,7 +103,10 @@ class AddedEffects:
     def added(
         self, actives: Sequence[Active], iterations: int = 2, known: Sequence[Active] = ()
     ) -> Evidence:
-        """The base with effects, all fitted anew; known: other shapes of the base's effects."""
+        """Refit the base with effects added, and return its held-out evidence.
+
+        known: shapes in place of those of the base's effects of the same name.
+        """
         shapes = {active.name: active for active in known}
         base = Structure(tuple(shapes.get(one.name, one) for one in self.structure.actives))
         whole = base.plus(*actives).with_discrepancies()
@@ -117,7 +121,10 @@ def diagnosed(
     seed: int = 0,
     show: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """Say which effects a model of known ones lacks, in one robot's recordings together."""
+    """Find the effects that a model lacks, from all recordings of one robot together.
+
+    known: effects of the model; show: takes texts of progress.
+    """
     structure = material.structure(known)
     own, terms, delays = together(material, structure, catalogue)
     fits = AddedEffects(own, structure.plus(*terms), seed)

@@ -25,17 +25,17 @@ _OF_BEST, _LEAST_FALL = 0.1, 0.01  # of the largest fall of the error, and of th
 
 
 def short(value: float) -> float:
-    """Five digits, as JSON has them."""
+    """Round to five significant digits, for JSON."""
     return float(f'{value:.5g}')
 
 
 def rounded_down(probability: float, digits: int) -> float:
-    """Probability with so many digits, which reaches no limit that it does not reach itself."""
+    """Round a probability down to so many digits, so that rounding lifts it over no threshold."""
     return math.floor(probability * 10**digits + 1e-9) / 10**digits
 
 
 def certainty(probability: float) -> str:
-    """Probability with two digits."""
+    """Format a probability with two digits, rounded down; `< 0.01` below that."""
     down = rounded_down(probability, 2)
     return f'{down:.2f}' if down else '< 0.01'
 
@@ -57,7 +57,7 @@ class Candidate:
     interval: tuple[float, float]
     drive: str  # the one that coefficient and interval are of
     coefficients: dict[str, list[float]]  # by drive
-    explained: NDArray[np.float32]  # W [N, M], that the model's residual has more than its own
+    explained: NDArray[np.float32]  # W [N, M], by which it changes the residual when added
     owners_terms: str = ''  # the coefficient as a data sheet has it, '' where there is no such
 
     @property
@@ -67,14 +67,14 @@ class Candidate:
 
     @property
     def in_words(self) -> str:
-        """The coefficient with its interval, in the owner's terms where there are such."""
+        """Coefficient with its interval as text, in terms of a data sheet where there are such."""
         unit = '' if self.unit == '1' else f' {self.unit}'
         low, high = self.interval
         own = f'{self.symbol} = {self.coefficient:.3g}{unit} ({low:.3g} … {high:.3g})'
         return self.owners_terms or own
 
     def json(self) -> dict[str, Any]:
-        """As `diagnose --json` writes it."""
+        """Return JSON-compatible values, as `diagnose --json` writes them."""
         low, middle, high = self.explains
         return {
             'name': self.name,
@@ -98,7 +98,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Residual:
-    """Held-out error of M meters beyond what no model can follow, W² [M], beside the names."""
+    """Error of M meters that stays with the named effects, beyond noise and sampling, W² [M]."""
 
     left: Floats
     missed: Floats  # the same without what is named
@@ -110,7 +110,7 @@ class Residual:
     counts: bool  # whether it is so much of the power that an effect may be in it
 
     def within(self, before: Mapping[str, float], after: Mapping[str, float]) -> 'Residual':
-        """The residual at most as large as what the judge has, W by meter."""
+        """Residual, limited to the judged errors, W by meter, without and with the effects."""
 
         def less(own: Floats, errors: Mapping[str, float]) -> Floats:
             judged = np.square([errors.get(name, np.inf) for name in self.names])
@@ -120,32 +120,32 @@ class Residual:
 
     @property
     def rms_w(self) -> float:
-        """W over the meters."""
+        """Rms over the meters, W."""
         return float(np.sqrt(self.left.mean()))
 
     @property
     def of_power(self) -> float:
-        """W rms over the rms power."""
+        """Ratio of the rms residual to the rms power."""
         return float(np.sqrt(self.left.sum() / max(self.power.sum(), 1e-12)))
 
     @property
     def noise_w(self) -> float:
-        """W rms of the meters whose noise is known, else NaN."""
+        """Rms noise of the meters whose noise is known, W; NaN without any."""
         known = self.noise[np.isfinite(self.noise)]
         return float(np.sqrt(np.mean(np.square(known)))) if known.size else float('nan')
 
     @property
     def stands_out(self) -> bool:
-        """Return whether it counts, or is a multiple of the noise."""
+        """Return whether it is much of the power (`counts`), or above five times the noise."""
         return self.counts or self.rms_w > _OF_NOISE * self.noise_w
 
     @property
     def most(self) -> bool:
-        """Return whether more than half of what the model misses stays with the names."""
+        """Return whether the named effects leave over half, by rms, of what the model misses."""
         return bool(self.left.sum() > 0.25 * self.missed.sum())
 
     def json(self) -> dict[str, Any]:
-        """As `diagnose --json` writes it."""
+        """Return JSON-compatible values, as `diagnose --json` writes them."""
         return {
             'rms_w': short(self.rms_w),
             'share': short(min(1.0, self.left.sum() / max(self.missed.sum(), 1e-12))),
@@ -177,7 +177,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> Verdict:
-        """Names where some are certain, though more may be left."""
+        """Verdict; `named` as soon as one effect is certain, though more may be missing."""
         if self.found.named:
             return 'named'
         if self.effects:
@@ -186,16 +186,16 @@ class Diagnosis:
 
     @cached_property
     def actives(self) -> tuple[Active, ...]:
-        """Effects that are certain, first what explains most."""
+        """Effects that are certainly missing, those that explain most first."""
         watts = {one.name: one.explains[1] for one in self.candidates}
         return tuple(sorted(self.found.named, key=lambda active: -watts[active.name]))
 
     @cached_property
     def effects(self) -> tuple[str, ...]:
-        """Names of effects that are certain, or else of those of which one is.
+        """Names of the effects that are certain, or of a set of which one is certainly missing.
 
-        Of the latter, each has to lower the held-out error beside one that does, or beside a
-        residual: evidence that does not is of what no formula explains.
+        In such a set are the undecided effects that clearly lower the held-out error; all
+        undecided ones where none does and no residual stays.
         """
         if self.found.named:
             return tuple(active.name for active in self.actives)
@@ -210,7 +210,10 @@ class Diagnosis:
 
     @property
     def uncertain(self) -> Candidate | None:
-        """Return the effect that lowers the held-out error most and much, where none is named."""
+        """Effect that lowers the held-out error most, by 10 % or more, where none is named.
+
+        None unless the verdict is `none_of_the_above`.
+        """
         if self.verdict != 'none_of_the_above':
             return None
         error = float(np.sqrt(self.base.mean_mse.mean()))

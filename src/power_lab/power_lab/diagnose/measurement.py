@@ -18,7 +18,7 @@ _FAR = 2.0  # spreads of what such sensors are known for
 
 @dataclass(frozen=True)
 class MeasurementTerm:
-    """One error of the measurement: of the drive where it costs most, and of all."""
+    """Error of a sensor or meter, for the drive where it costs most, and for all drives."""
 
     name: str
     value: float
@@ -32,7 +32,7 @@ class MeasurementTerm:
     recordings: Mapping[str, float] = field(default_factory=dict)
 
     def json(self) -> dict[str, object]:
-        """As `diagnose --json` writes it."""
+        """Return JSON-compatible values, as `diagnose --json` writes them."""
         return {
             'value': self.value,
             'interval': list(self.interval),
@@ -63,8 +63,8 @@ def measurement_terms(
 ) -> dict[str, MeasurementTerm]:
     """Errors of the sensors by name, with 95 % intervals.
 
-    rms_w: the model's error, that those which matter are large against; apart: of each recording
-    less the mean of all [M, R].
+    rms_w: rms error of the model in W, by which an error is large enough to matter; apart: by
+    name, its deviations in each recording from the mean of all [M, R].
     """
     usual, names = spreads(prepared.signals), prepared.names
     lag = prepared.lag.mean(keepdims=True) if prepared.whole else prepared.lag

@@ -36,15 +36,15 @@ class Motion:
     reason: str
     drives: tuple[str, ...]
     segments: tuple[Mapping[str, Any], ...]
-    supply: tuple[float, ...] = ()
+    supply: tuple[float, ...] = ()  # V of the bus, to repeat the motion at
 
     @property
     def seconds(self) -> float:
-        """Length of the recording."""
+        """Duration of all segments, s."""
         return sum(float(segment['seconds']) for segment in self.segments)
 
     def content(self) -> dict[str, Any]:
-        """As the file holds it; units are SI."""
+        """Content of the motion file; units are SI."""
         content: dict[str, Any] = {
             'format': FORMAT,
             'reason': self.reason,
@@ -57,10 +57,10 @@ class Motion:
         return content
 
     def within(self, limits: Mapping[str, JointLimits]) -> 'Motion':
-        """The motion fitted to the limits of its drives, from where a pendulum hangs.
+        """Motion fitted to the joint limits of its drives, from where a pendulum hangs.
 
-        That is at 0 rad, or in the middle of the range where 0 is none of it. InputError for a
-        drive without limits.
+        That is at 0 rad, or in the middle of a range without 0. InputError for a drive without
+        limits.
         """
         motion, changes = MotionFile.of(self.content(), 'motion', 'next'), []
         for drive in self.drives:
@@ -76,7 +76,7 @@ class Motion:
         return replace(self, segments=segments, reason=self.reason + fit)
 
     def save(self, path: Path) -> None:
-        """Write it whole."""
+        """Write the motion to a YAML file."""
         text = yaml.safe_dump(self.content(), sort_keys=False, allow_unicode=True, width=98)
         write_whole(path, text)
 
@@ -88,10 +88,10 @@ def separating_motion(
     reason: str,
     scale: DriveScale | None = None,
 ) -> Motion:
-    """Motions that set these effects apart, each long enough to count, slow before fast.
+    """Motion that tells effects apart, each shown for long enough, slow segments before fast.
 
-    Speeds and loads of the catalogue are those of the reference drive; with a scale they are in
-    proportion to the smallest of the drives.
+    reason: sentence that the motion begins with; scale: sizes of the drives, to the smallest of
+    which the catalogue's speeds and loads, those of a reference drive, are scaled.
     """
     segments: list[Mapping[str, Any]] = [{'mode': 'rest', 'seconds': 10.0}]
     supply: set[float] = set()

@@ -29,32 +29,32 @@ from power_lab.structure.words import in_words
 
 @dataclass(frozen=True)
 class JudgedSteps:
-    """A model, and its structure with the effects of each step, as the judge has them.
+    """Held-out errors of a model, and of it with the named effects added one by one.
 
-    A model of other recordings comes twice: as it is, and refitted here as the steps are.
+    A model of other recordings comes twice: as given, and refitted on these.
     """
 
     comparison: Comparison
-    first: int  # place of the model among the steps
+    first: int  # index of the model that is judged as the steps are
 
     @property
     def model(self) -> JudgedModel:
-        """The model as it is."""
+        """The model as given."""
         return self.comparison.models[0]
 
     @property
     def steps(self) -> tuple[JudgedModel, ...]:
-        """The model and the steps, all held out alike."""
+        """The model, then with one, two … named effects, all held out alike."""
         return self.comparison.models[self.first :]
 
     @property
     def before(self) -> JudgedModel:
-        """The model, held out as the steps are."""
+        """The model without named effects, held out as `after` is."""
         return self.comparison.models[self.first]
 
     @property
     def after(self) -> JudgedModel:
-        """With all effects that the diagnosis names."""
+        """The model with all effects that the diagnosis names."""
         return self.comparison.models[-1]
 
     @property
@@ -71,7 +71,7 @@ class JudgedSteps:
 def judged_steps(
     judge: Judge, given: PowerModel, model: EffectModel, diagnosis: Diagnosis, spec: str
 ) -> JudgedSteps:
-    """Judge a model as it was given, and its structure with what each step of a diagnosis adds."""
+    """Judge a model as given, and with the named effects added one by one; spec: name to show."""
 
     def grown(actives: tuple[Active, ...], name: str) -> EffectModel:
         known = (
@@ -101,7 +101,7 @@ _MOST_ASKED = 3
 
 @dataclass(frozen=True)
 class Outcome:
-    """Everything that diagnose reports."""
+    """Complete result of a diagnosis."""
 
     model: EffectModel
     loaded: Loaded
@@ -129,12 +129,12 @@ class Outcome:
 
     @property
     def next_effects(self) -> tuple[str, ...]:
-        """Effects to add to the model."""
+        """Names of the effects to add to the model; empty where held-out data supports none."""
         return to_add(self.diagnosis, *self._errors)
 
     @property
     def to_learn(self) -> bool:
-        """True where `discover` may learn what stays."""
+        """True where `discover` may learn what no known effect explains."""
         return to_learn(self.diagnosis)
 
     @cached_property
@@ -158,7 +158,7 @@ class Outcome:
 
     @cached_property
     def notes(self) -> list[str]:
-        """Facts that the verdict rests on."""
+        """Sentences on what the verdict rests on, each one a limit or a doubt."""
         found = [line for line in self.lines if line != self.sentence]
         if self.prepared.seconds < self.seconds - 1.0:
             found.append(
@@ -169,7 +169,7 @@ class Outcome:
 
     @property
     def limits(self) -> list[dict[str, Any]]:
-        """Effects that these recordings cannot decide on, and the motion that would."""
+        """Effects that these recordings cannot decide on, with the motion that would, for JSON."""
         drives = len(self.prepared.signals.names)
         drives = len(self.prepared.signals.names)
         return [
@@ -187,7 +187,7 @@ class Outcome:
         return self.judged.before.rms_w, self.judged.after.rms_w
 
     def json(self) -> dict[str, Any]:
-        """As `diagnose --json` writes it."""
+        """Return JSON-compatible values, as `diagnose --json` writes them."""
         d, noise = self.diagnosis, self.prepared.noise
         left = self.judged.regimes_after
         model, after = self.judged.model.drives, self.judged.after.drives
@@ -230,10 +230,10 @@ def diagnose(
     seed: int = 0,
     show: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
-    """Say which effect the model misses on the judge's recordings.
+    """Find the effects that a model misses on the judge's recordings.
 
-    A model that is not made of effects is taken as the base that effects are added to; a network
-    that knows the recordings counts on its test part only. show takes what is being done.
+    A network or proxy (named by spec) is taken as the base that effects are added to; a network
+    trained on the recordings counts on its test part only. show: takes texts of progress.
     InputError for recordings that are too short or too still.
     """
     loaded, catalogue, given = judge.recordings, judge.catalogue, model

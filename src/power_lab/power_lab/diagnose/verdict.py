@@ -68,7 +68,7 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
 
 
 def likeliest(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the effects of which one may be missing, where that is likely."""
+    """Return names of effects of which one is probably missing; () below a probability of 0.5."""
     if diagnosis.found.any_missing < _LIKELY:
         return ()
     best = diagnosis.uncertain
@@ -106,7 +106,7 @@ def _fitting(effects: Sequence[str], word: str, *templates: str) -> str:
 
 
 def remainder(diagnosis: Diagnosis, after: float) -> str:
-    """Return a line on what stays unexplained, '' where that is too little.
+    """Return a line on the error that stays unexplained, '' where it is too small.
 
     after: held-out error of the model with the effects that are certain, W.
     """
@@ -135,13 +135,13 @@ def to_add(diagnosis: Diagnosis, before: float, after: float) -> tuple[str, ...]
 
 
 def to_learn(diagnosis: Diagnosis) -> bool:
-    """Return whether `discover` may learn what stays."""
+    """Return whether `discover` may learn what no known effect explains."""
     unknown = diagnosis.verdict in ('none_of_the_above', 'no_evidence')
     return unknown and diagnosis.left.stands_out and not diagnosis.prepared.whole
 
 
 def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
-    """Return the next step in a sentence."""
+    """Return the next step in a sentence; before, after: as in `sentence`."""
     record = 'record the motion of `next_recording`'
     effects = to_add(diagnosis, before, after)
     if diagnosis.verdict == 'named' and effects:

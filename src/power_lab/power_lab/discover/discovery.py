@@ -59,7 +59,7 @@ Show = Callable[[str], None]
 
 
 class Discoverer:
-    """Runs the procedure on one set of prepared signals."""
+    """Learns effects that a model misses and no catalogue has, from prepared signals."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class Discoverer:
 
     @one_thread_a_product()
     def run(self) -> Discovery:
-        """All of it."""
+        """Learn effects one by one until what is left is chance or too small, at most three."""
         self.show('fitting the model')
         self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
         base = best = self._examined(self.structure)

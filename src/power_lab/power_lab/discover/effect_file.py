@@ -13,7 +13,7 @@ _HELPERS = ('lagged', 'after_rest', 'play', 'by_stretch')
 
 @dataclass(frozen=True)
 class Written:
-    """Content of a file about one effect."""
+    """Content of an effect file about one effect."""
 
     name: str
     formula: Formula
@@ -26,12 +26,12 @@ class Written:
 
     @property
     def class_name(self) -> str:
-        """Name of its class."""
+        """Name of the effect's Python class."""
         return ''.join(part.capitalize() for part in self.name.split('_'))
 
 
 def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
-    """Return the text of a file of these effects; source: recordings it was learned from."""
+    """Return the Python text of an effect file; source: names of the recordings learned from."""
     used = dict.fromkeys(one.formula.primitive for one in effects)
     helpers = [inspect.getsource(primitive.of) for primitive in used]
     drivers = [place.family.driver for one in effects for place in one.formula.places.values()]

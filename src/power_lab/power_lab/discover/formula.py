@@ -16,71 +16,71 @@ from power_lab.structure.shapes import DriveProblem, instant
 
 
 def step(z: Floats, at: float, edge: float) -> Floats:
-    """0 below a place, 1 above it."""
+    """Smooth step of z: 0 below `at`, 1 above, within about ± edge."""
     return 0.5 + 0.5 * np.tanh((z - at) / edge)
 
 
 def window(z: Floats, low: float, high: float, edge: float) -> Floats:
-    """1 in the middle between two places, half at either, 0 outside."""
+    """Smooth window of z: 1 between low and high, half at either, 0 outside, within about edge."""
     inside = np.tanh((z - low) / edge) - np.tanh((z - high) / edge)
     return 0.5 * inside / np.tanh(0.5 * (high - low) / edge)
 
 
 def turn_window(z: Floats, middle: float, half: float, edge: float) -> Floats:
-    """1 around a place in the turn, half at a distance from it, 0 elsewhere."""
+    """Smooth periodic window of an angle z in rad: 1 around middle, 0.5 at ± half, 0 beyond."""
     away = np.abs(np.mod(z - middle + np.pi, 2.0 * np.pi) - np.pi)
     inside = np.tanh((half - away) / edge) + np.tanh((half + away) / edge)
     return 0.5 * inside / np.tanh(half / edge)
 
 
 def line(z: Floats) -> Floats:
-    """The driver itself."""
+    """Return z."""
     return z
 
 
 def square(z: Floats) -> Floats:
-    """Its square."""
+    """Square of z."""
     return np.square(z)
 
 
 def odd_square(z: Floats) -> Floats:
-    """Its square with its sign."""
+    """Square of z with the sign of z."""
     return z * np.abs(z)
 
 
 def above(z: Floats, limit: float) -> Floats:
-    """Excess over a limit."""
+    """Excess of z over a limit, 0 below it."""
     return np.maximum(0.0, z - limit)
 
 
 def below(z: Floats, limit: float) -> Floats:
-    """Shortfall to a limit."""
+    """Shortfall of z to a limit, 0 above it."""
     return np.maximum(0.0, limit - z)
 
 
 def above_square(z: Floats, limit: float) -> Floats:
-    """The square of what exceeds a limit."""
+    """Square of the excess of z over a limit."""
     return np.square(np.maximum(0.0, z - limit))
 
 
 def saturated(z: Floats, scale: float) -> Floats:
-    """Proportional to a small driver, constant at a large one."""
+    """Saturation: z/scale for small z, ±1 for large z."""
     return np.tanh(z / scale)
 
 
 def fading(z: Floats, scale: float) -> Floats:
-    """1 at zero, less the larger the magnitude."""
+    """Decay with the magnitude of z: 1 at zero, 1/e at scale."""
     return np.exp(-np.abs(z) / scale)
 
 
 def wave(z: Floats, order: float) -> Floats:
-    """Sine and cosine of the driver times an order [..., 2]."""
+    """Sine and cosine of order·z [..., 2]."""
     return np.stack([np.sin(order * z), np.cos(order * z)], axis=-1)
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """One function of the grammar."""
+    """Elementwise function that a formula may be made of, such as a step or a wave."""
 
     name: str
     of: Callable[..., Floats]
@@ -90,16 +90,16 @@ class Primitive:
 
     @property
     def complexity(self) -> int:
-        """Numbers to be found."""
+        """Number of parameters and coefficients to fit."""
         return len(self.parameters) + self.terms
 
     def columns(self, z: Floats, values: dict[str, float]) -> Floats:
-        """Return [..., terms]."""
+        """Return the regressors [..., terms] of z [...] with these parameters."""
         found = self.of(z, **values)
         return found if self.terms > 1 else found[..., None]
 
     def on(self, nodes: Floats) -> tuple[list[dict[str, float]], Floats]:
-        """Parameters to be tried on evenly spaced nodes [K], and the columns [n, K, terms]."""
+        """Return n parameter sets to try on evenly spaced nodes [K], and columns [n, K, terms]."""
         if self.name in ('step', 'window'):
             span = float(nodes[-1] - nodes[0])
             unit, columns = _on_unit(self.name, len(nodes))
@@ -188,7 +188,7 @@ _OF_SQUARE = ('square', 'odd_square', 'above_square')
 
 @dataclass(frozen=True)
 class Place:
-    """The formula on one drive."""
+    """Parameters and gain of a formula on one drive."""
 
     family: Family
     parameters: Mapping[str, float]
@@ -197,7 +197,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Formula:
-    """One primitive of one family, with its parameters by drive."""
+    """Formula of a discovered effect: a function of a driver, with its parameters by drive."""
 
     primitive: Primitive
     places: Mapping[int, Place]  # by drive
@@ -205,21 +205,21 @@ class Formula:
 
     @property
     def family(self) -> Family:
-        """Family of the drive where it gains most."""
+        """Driver, factor and side (torque or power) of the drive where it gains most."""
         return max(self.places.values(), key=lambda place: place.gain).family
 
     @property
     def gain(self) -> float:
-        """W² summed over its drives."""
+        """Held-out gain summed over its drives, W²."""
         return sum(place.gain for place in self.places.values())
 
     @property
     def kind(self) -> str:
-        """Quantity that it depends on."""
+        """Kind of quantity that it depends on, such as `position`."""
         return self.family.kind
 
     def text(self, drive: int | None = None) -> str:
-        """Formula in words and numbers, of a drive or in general."""
+        """Formula as text: with the parameters of a drive, or in general where none is given."""
         place = None if drive is None else self.places[drive]
         family = self.family if place is None else place.family
         symbol = family.driver.symbol
@@ -265,7 +265,7 @@ def refined(
     point: Linearisation,
     prepared: Prepared,
 ) -> Place:
-    """Parameters that fit best with exact columns, from those found on the shape's nodes."""
+    """Refine a formula's parameters on one drive by a fit to all samples; the gain is kept."""
     if not primitive.parameters:
         return place
     z, weight = instant(place.family, point, problem.drive)
@@ -315,7 +315,7 @@ def refined(
 
 
 def principal(given: dict[str, float]) -> dict[str, float]:
-    """Return the same parameters, with a place in the turn between −π and π."""
+    """Wrap `middle`, if given, to −π … π rad in place; return the parameters."""
     if 'middle' in given:
         given['middle'] = float(np.mod(given['middle'] + np.pi, 2.0 * np.pi) - np.pi)
     return given

@@ -25,12 +25,12 @@ _WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file
 
 @dataclass(frozen=True)
 class Found:
-    """One effect: its formula, what it explains, and where."""
+    """Discovered effect: its formula, what it explains, and on which drives."""
 
     name: str
     kind: str
     drives: tuple[int, ...]
-    gain: Floats  # W² [D], held out, in the judgement of the lab
+    gain: Floats  # W² [D], held out, in a fit of the whole model
     interval: tuple[float, float]  # W, of what it explains
     formula: Formula | None = None  # None for what lives in time alone
     effect: Effect | None = None
@@ -44,19 +44,19 @@ class Found:
 
     @property
     def explains(self) -> float:
-        """W rms over its drives."""
+        """Rms power that it explains over its drives, W."""
         return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
 
 
 @dataclass(frozen=True)
 class Discovery:
-    """Effects that were found, and the evidence of the search."""
+    """Effects that were found, with held-out evidence before and after."""
 
     found: tuple[Found, ...]
     base: Evidence
     best: Evidence
     floor: Floats  # W [D]
-    chance: float  # of the first search
+    chance: float  # that the first effect's gain is chance
     nothing: str  # reason where nothing was found
     named: tuple[Named, ...] = ()  # of the catalogue, that the model has to have first
 
@@ -69,7 +69,7 @@ class Discovery:
 
 @dataclass(frozen=True)
 class Values:
-    """Coefficients of one effect and their intervals, of one and the same fit."""
+    """Coefficients of one effect and their intervals, from one fit."""
 
     drives: tuple[int, ...]
     coefficients: Floats  # [d, n]
@@ -84,7 +84,7 @@ class Values:
 
     @property
     def intervals(self) -> dict[int, tuple[tuple[float, float], ...]]:
-        """Intervals by drive."""
+        """95 % intervals of the coefficients by drive, (low, high) each."""
         return {
             d: tuple((float(a), float(b)) for a, b in own)
             for d, own in zip(self.drives, self.between, strict=True)
@@ -92,13 +92,13 @@ class Values:
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        """Bounds of each coefficient for a file."""
+        """Bounds of each coefficient for an effect file, wider than the intervals."""
         return bounds_of(self.between, self.coefficients)
 
 
 @dataclass(frozen=True)
 class Finalist:
-    """An option as the lab judges it."""
+    """Formula that was refitted with the whole model, and its held-out gain."""
 
     option: Option
     name: str
@@ -111,7 +111,7 @@ class Finalist:
 def interval_of(
     before: Evidence, after: Evidence, drives: Sequence[int], seed: int
 ) -> tuple[float, float]:
-    """W rms over drives that are explained, 95 %, by a bootstrap of blocks of five."""
+    """95 % interval of the rms power in W that is explained over drives, by a block bootstrap."""
     falls = (before.mse - after.mse)[:, list(drives)]
     known = np.isfinite(falls)
     fall = np.where(known, falls, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
@@ -144,7 +144,7 @@ def bounds_of(between: Floats, values: Floats) -> list[tuple[float, float]]:
 
 
 def check_bounds(found: Sequence[Found]) -> None:
-    """ValueError for bounds of a file that exclude a coefficient of their own effect."""
+    """Raise ValueError where the bounds of an effect exclude one of its own coefficients."""
     for one in found:
         if one.effect is None or one.coefficients is None:
             continue
@@ -158,7 +158,7 @@ def check_bounds(found: Sequence[Found]) -> None:
 
 
 def load_effect(written: Written) -> Effect:
-    """The effect as its own file defines it, checked as any file of a user."""
+    """Write an effect to a temporary file and load it, with the checks of any user's file."""
     with tempfile.TemporaryDirectory(prefix='discover') as folder:
         path = Path(folder) / 'effect.py'
         path.write_text(effect_source([written], ()), encoding='utf-8')
@@ -171,10 +171,10 @@ Examined = Callable[[Structure, Evidence], Evidence]
 def without_superseded(
     found: Sequence[Found], best: Evidence, structure: Structure, examined: Examined, floor: Floats
 ) -> tuple[list[Found], Evidence]:
-    """Effects that the model needs beside each other, the largest first, and the fit with them.
+    """Drop effects that later ones make superfluous; return the others, largest first, and fit.
 
-    A course in time may stand for a cause that is found after it, a square for an excess over a
-    limit. best: the fit with all of them; structure: of that; floor: W [D].
+    For example a drift in time whose cause is found after it, or a square that stood for an excess
+    over a limit. best, structure: fit and terms with all; examined: refits terms; floor: W [D].
     """
     kept = list(found)
     for one in found:

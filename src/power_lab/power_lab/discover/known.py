@@ -20,13 +20,13 @@ from power_lab.structure.shapes import instant
 
 
 def with_free_coefficient(of: Effect) -> Effect:
-    """An effect whose coefficient physics fixes, free enough to compete for a place."""
+    """Copy of an effect whose fixed coefficient is free between 0 and 1.5."""
     term = replace(of.terms[0], lower=0.0, upper=1.5)
     return replace(of, terms=(term,), fixed=None, made=(with_free_coefficient, (of,)))
 
 
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
-    """Physical effects that the base has not, in every usable shape."""
+    """Physical effects of the catalogue that the base lacks, in each shape the signals allow."""
     signals, whole = fitter.prepared.signals, fitter.prepared.whole
     known = {name.partition('@')[0] for name in base.names}
     effects = [
@@ -42,7 +42,7 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
 
 
 def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:
-    """For each effect the screening of its best shape."""
+    """Screen all candidates; return the result of each effect's best shape by name."""
     best: dict[str, Trial] = {}
     for trial in screener.fitted([[active] for active in screener.candidates]):
         name = trial.actives[0].name
@@ -64,7 +64,7 @@ _NOTHING = 1e-9  # of a column's variance against its square
 
 @dataclass(frozen=True)
 class Named:
-    """An effect of the catalogue that explains what a formula would have been found for."""
+    """Effect of the catalogue that explains the power a formula was to be learned for."""
 
     name: str
     active: Active
@@ -74,7 +74,7 @@ class Named:
 
     @property
     def explains(self) -> float:
-        """W rms over its drives."""
+        """Rms power that it explains over its drives, W."""
         return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
 
 
@@ -88,9 +88,10 @@ def named_instead(
     least: Floats,
     gain: float,
 ) -> Named | None:
-    """Return the candidate of the catalogue that explains what a formula gains, W², if one does.
+    """Return an effect of the catalogue in place of a formula, None where none explains enough.
 
-    Or the first of two that do together.
+    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. least,
+    examined: as in `best_named`.
     """
     first = best_named(fitter, examiner, catalogue, structure, best, examined, least)
     if first is None or first.gain.sum() < LEAST_OF_TWO * gain:
@@ -114,7 +115,7 @@ def best_named(
 ) -> Named | None:
     """Return the candidate of the catalogue that explains most beside a model, if any is left.
 
-    least: W² [D] that counts as explained on a drive.
+    least: W² [D] that counts as explained on a drive; examined: refits terms from a fit.
     """
     left = candidates(fitter, best.fit.structure, catalogue)
     if not left:

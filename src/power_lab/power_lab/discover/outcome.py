@@ -78,7 +78,10 @@ class OtherRecording:
     def transfer(
         self, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
     ) -> Transfer:
-        """Say whether what the effect explains is borne out on the named drives."""
+        """Judge whether an effect lowers the error of the named drives on this recording, too.
+
+        before, after: scores without and with the effect; explains: W rms, in its own recording.
+        """
         shared = [name for name in drives if name in self.prepared.names]
         columns = [self.prepared.names.index(name) for name in shared]
         errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
@@ -134,7 +137,7 @@ Show = Callable[[str], None]
 
 @dataclass(frozen=True)
 class DiscoveryOutcome:
-    """Everything that discover tells."""
+    """Complete result of a discovery."""
 
     model: EffectModel
     loaded: Loaded
@@ -152,7 +155,7 @@ class DiscoveryOutcome:
         return [one for one in self.discovery.found if one.written is not None]
 
     def source(self) -> str:
-        """Text of the file of effects."""
+        """Python text of the effect file; ValueError for bounds that exclude a coefficient."""
         check_bounds(self.written)
         names = [entry['name'] for entry in self.loaded.identities]
         return effect_source([one.written for one in self.written if one.written], names)
@@ -180,7 +183,7 @@ class DiscoveryOutcome:
         return f'The catalogue names {words}: add {them} first. '
 
     def told(self, one: Found, transfer: Transfer | None) -> str:
-        """One effect in a sentence."""
+        """Describe one effect, and its test on the other recording, in a sentence."""
         names = ', '.join(printable(self.own.prepared.names[d]) for d in one.drives)
         watts = f'{one.explains:.2f} W'
         if one.course is not None:
@@ -199,7 +202,7 @@ class DiscoveryOutcome:
         return f'{text}; {printable(transfer.reason)}.'
 
     def json(self) -> dict[str, Any]:
-        """As `discover --json` writes it."""
+        """Return JSON-compatible values, as `discover --json` writes them."""
         names = self.own.prepared.names
         d = self.discovery
         return {
@@ -297,10 +300,10 @@ def discover(
     show: Show = lambda text: None,
     seed: int = 0,
 ) -> DiscoveryOutcome:
-    """Learn what the model misses on the judge's recordings, and test it on another one.
+    """Learn what a model misses on the judge's recordings, and test it on another one.
 
-    InputError for recordings that are too short or too still, and where only the whole robot was
-    metered.
+    spec: file or name of the model; test: the other recording; show: takes texts of progress.
+    InputError for recordings that are too short, too still, or have no meter for each drive.
     """
     loaded, catalogue, given = judge.recordings, judge.catalogue, model
     if not isinstance(model, EffectModel):
@@ -365,7 +368,7 @@ def _tested(
 
 
 def split(bags: Sequence[Any], test: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Recordings to learn from and to test on: the last of several, where none is named."""
+    """Split recordings into those to learn from and to test on, by default the last of several."""
     if test or len(bags) < 2:
         return list(bags), list(test)
     return list(bags[:-1]), list(bags[-1:])

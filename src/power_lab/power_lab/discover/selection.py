@@ -16,7 +16,7 @@ _LEAST_LEFT = 1e-4  # of a column's square, after the base's columns are project
 
 @dataclass(frozen=True)
 class Expression:
-    """One primitive over a shape's driver on one drive."""
+    """Primitive function fitted to the learned shape of one drive."""
 
     primitive: Primitive
     parameters: dict[str, float]
@@ -25,7 +25,7 @@ class Expression:
 
 
 def express(problem: DriveProblem, shape: LearnedShape) -> list[Expression]:
-    """Fit every primitive of the grammar to a shape."""
+    """Fit every primitive function to a learned shape; those that gain nothing are left out."""
     reduced = [_partial(problem, shape, fold) for fold in range(problem.folds.count + 1)]
     out = []
     for primitive in PRIMITIVES.values():
@@ -126,7 +126,7 @@ Explained = Mapping[int, Sequence[tuple[LearnedShape, Sequence[Expression]]]]
 
 @dataclass(frozen=True)
 class Option:
-    """One family over all drives."""
+    """Best formula of one family over all drives, with its score."""
 
     formula: Formula
     shape_gain: float
@@ -142,9 +142,10 @@ class Option:
 def options(
     explained: Explained, least: Mapping[int, float], floor: Mapping[int, float]
 ) -> list[Option]:
-    """Families in the order of what they explain, each with its formula.
+    """Best formula of each family that explains enough, the highest score first.
 
-    least: W² by drive that counts as explained at all; floor: W² that can be judged.
+    explained: shapes and their formulas by drive; least: W² by drive that counts as explained at
+    all; floor: W² by drive that can be judged.
     """
     groups: dict[tuple[str, ...], dict[int, list[tuple[LearnedShape, Sequence[Expression]]]]]
     groups = defaultdict(lambda: defaultdict(list))
@@ -202,7 +203,7 @@ def _option(
 
 
 def handicap(family: Family) -> float:
-    """Factor on what a family explains: simpler causes come first."""
+    """Factor on a family's gain, at most 1, lower for rarer causes (memory, other drives)."""
     own = _MEMORY_HANDICAP if family.driver.memory else 1.0
     if family.driver.name in _ASYMMETRIC:
         own *= _ASYMMETRY_HANDICAP

@@ -38,7 +38,7 @@ _NEAR = {
 
 
 def effect_name(formula: Formula, taken: Collection[str]) -> str:
-    """A free name that says what the effect depends on."""
+    """Name an effect by what it depends on; a number makes it differ from those taken."""
     family = formula.family
     driver = 'position' if family.driver.name == 'angle' else family.driver.name
     driver = driver.removesuffix('_size')
@@ -57,14 +57,14 @@ def effect_name(formula: Formula, taken: Collection[str]) -> str:
 
 
 def look_alikes(formula: Formula) -> tuple[str, ...]:
-    """Effects of the catalogue that it resembles."""
+    """Names of catalogue effects that the formula resembles."""
     return _NEAR.get(formula.kind, ())
 
 
 def in_short(
     formula: Formula, coefficients: Mapping[int, Sequence[float]], drives: Sequence[str]
 ) -> str:
-    """A hypothesis in one sentence, with the numbers of the drive where it gains most."""
+    """Hypothesis in one sentence, with the numbers of the drive where the formula gains most."""
     drive = max(formula.places, key=lambda d: formula.places[d].gain)
     place = formula.places[drive]
     strength = float(np.linalg.norm(coefficients[drive]))

@@ -35,7 +35,7 @@ class DriveCard:
     extent: _Text  # what was fitted, in s or operating points
     r2: Annotated[float, Quantity(-1e6, 1.0)]  # held out
     rmse_w: _Positive
-    torque_over_speed: Annotated[tuple[tuple[_Positive, _Positive], ...], Length(1)]
+    torque_over_speed: Annotated[tuple[tuple[_Positive, _Positive], ...], Length(1)]  # rad/s, N·m
     does_not_determine: Annotated[tuple[str, ...], Length(1)]
     findings: tuple[str, ...] = ()
     gear_ratio: _Positive = 1.0
@@ -46,7 +46,7 @@ class DriveCard:
 
 @dataclass(frozen=True)
 class LibraryDrive:
-    """An identified drive."""
+    """Identified drive with its card and its model."""
 
     name: str
     card: DriveCard
@@ -54,12 +54,12 @@ class LibraryDrive:
 
     @property
     def picture(self) -> Path:
-        """Measured against model, and the efficiency map with the measured points."""
+        """Path of the picture: measured power against the model, and the efficiency map."""
         return FOLDER / self.name / 'drive.png'
 
 
 def names() -> tuple[str, ...]:
-    """Names of the drives, in order."""
+    """Names of the drives in the library, sorted."""
     return tuple(sorted(card.parent.name for card in FOLDER.glob('*/drive.yaml')))
 
 
@@ -92,7 +92,11 @@ _WATTS: Final[Mapping[str, Callable[..., str]]] = {
 
 
 def power_function(drive: LibraryDrive) -> str:
-    """Source of a function of torque, speed, voltage and temperature that returns W."""
+    """Python source of a function power(m, w, voltage, temperature), in W.
+
+    m: torque in N·m of the side that the card names; w: speed of the joint in rad/s. InputError
+    for an effect without such a form.
+    """
     (group,) = drive.model.groups
     terms = []
     for active in drive.model.structure.actives:
@@ -108,7 +112,7 @@ def power_function(drive: LibraryDrive) -> str:
 
 
 def exported(drive: LibraryDrive, form: str) -> str:
-    """Text of an actuator; form: `mujoco` (MJCF) or `mjlab` (Python)."""
+    """Text of an actuator: `mujoco` (MJCF) or `mjlab` (Python); InputError as `power_function`."""
     return {'mujoco': _mujoco, 'mjlab': _mjlab}[form](drive)
 
 

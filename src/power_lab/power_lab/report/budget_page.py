@@ -25,7 +25,7 @@ from power_lab.budget.tables import headline, in_words
 
 
 def write_budget(path: Path, budget: Budget) -> None:
-    """The page of `budget`."""
+    """Write the HTML page of a budget."""
     account = budget.account
     sentence = headline(account, budget.levers)
     page = Page(f'Energy budget: {", ".join(one.name for one in budget.accounts)}')
@@ -135,7 +135,7 @@ _METERED: Final = '#4D4D4D'
 
 
 def drawn(budget: Budget) -> Iterator[tuple[str, str, Figure]]:
-    """Name, caption and figure of each picture that the recordings allow, within a plot style."""
+    """Yield name, caption and figure of each picture the recordings allow; call within `style`."""
     yield 'flow', 'From the supply to where the power ends, W', flow(budget.account)
     yield 'bars', 'Mean power by drive, W; the mark is what was metered', bars(budget.account)
     for one in efficiency_maps(budget):
@@ -157,7 +157,7 @@ def write_figures(folder: Path, budget: Budget) -> None:
 
 
 def bars(account: Account) -> Figure:
-    """Stacked bars of each drive or type of drives: losses to the right, what came back left."""
+    """Stacked bars of power by drive or drive type: losses to the right, returned power left."""
     members = [name for name in account.tallies if name != WHOLE] or [account.first]
     if WHOLE in account.tallies and len(members) > 4:
         members = [n for n in members if account.tallies[n].drives > 1] or members
@@ -232,7 +232,7 @@ def efficiency(found: EfficiencyMap) -> Figure:
 
 
 def gait(cycle: GaitCyclePower) -> Figure:
-    """Power of a leg over its cycle by family."""
+    """Stacked power of one leg over its gait cycle, by family of effects."""
     figure = Figure(figsize=(9, 4.6), layout='constrained')
     axes = figure.subplots()
     ends = {-1.0: np.zeros(len(cycle.percent)), 1.0: np.zeros(len(cycle.percent))}

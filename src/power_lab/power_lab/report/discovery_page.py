@@ -15,7 +15,7 @@ from power_lab.structure.shapes import LearnedShape
 
 
 def write_discovery(path: Path, outcome: DiscoveryOutcome) -> None:
-    """Write the page of `discover`."""
+    """Write the HTML page of a discovery."""
     found = outcome.discovery.found
     prepared = outcome.own.prepared
     title = 'Discovered' if outcome.written else 'Nothing of the drives'
@@ -53,7 +53,7 @@ def write_discovery(path: Path, outcome: DiscoveryOutcome) -> None:
 
 
 def formula_over_shape(one: Found, drive: int) -> tuple[Floats, tuple[str, str]]:
-    """The formula at the nodes of the learned shape of a drive, and the names of both axes."""
+    """Formula at the nodes of a drive's learned shape [K], and the titles of both axes."""
     formula = one.formula
     assert formula is not None
     assert one.shapes is not None
@@ -111,7 +111,7 @@ def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
 
 
 def standard_error(shape: LearnedShape) -> Floats:
-    """Standard error of the shape's course [K], by a jackknife over the folds."""
+    """Standard error of a shape at its nodes [K], by a jackknife over the folds."""
     count = len(shape.nodes)
     folds = shape.by_fold[:-1, -count:]
     weights = shape.share / shape.share.sum()
@@ -229,7 +229,7 @@ def shape_and_formula(
 
 
 def acts_when(seconds: Floats, watts: Mapping[str, Floats]) -> Figure:
-    """W rms in each second of the recording, by drive."""
+    """Plot the rms power of an effect, W, over time in s, one line a drive; all [B]."""
     figure = go.Figure()
     colors = (COLORS['better'], COLORS['base'], COLORS['third'], COLORS['measured'])
     for place, (name, values) in enumerate(watts.items()):
@@ -251,7 +251,7 @@ def acts_when(seconds: Floats, watts: Mapping[str, Floats]) -> Figure:
 def before_and_after(
     drives: Sequence[str], before: Sequence[float], after: Sequence[float]
 ) -> Figure:
-    """Error of each drive without and with the effect, W."""
+    """Bars of the rms error of each drive without and with the effect, W."""
     figure = go.Figure()
     for name, values, color in (
         ('without', before, COLORS['base']),

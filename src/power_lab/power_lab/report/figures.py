@@ -27,7 +27,11 @@ def traces(
     gap_free: Sequence[slice] = (),
     axis: str = 'time in s',
 ) -> Figure:
-    """Measured and estimated power where the first residual is largest, W [N] each."""
+    """Plot measured and estimated power, W [N], where the first residual is largest.
+
+    time: s [N]; residuals: measured − estimated by model [N]; floor: half width of the noise band,
+    W; gap_free: slices without gaps.
+    """
     part = worst_stretch(next(iter(residuals.values())), gap_free)
     t = time[part] - time[0]
     figure = make_subplots(
@@ -51,7 +55,7 @@ def traces(
 
 
 def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: float) -> Figure:
-    """Mean error over torque and speed, W; red is too high, blue too low."""
+    """Map of the mean error over torque and speed [N], W; red: too high; limit: end of colours."""
     good = np.isfinite(residual)
     x, y, z = velocity[good], torque[good], -residual[good]
     edges = [_edges(x), _edges(y)]
@@ -79,7 +83,10 @@ def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: 
 def error_over(
     key: str, values: Floats, residuals: Mapping[str, Floats], *, unit: str | None = None
 ) -> Figure | None:
-    """Mean error in ranges of one quantity, one line a model; None without variation."""
+    """Plot the mean error over a quantity, W, one line a model; None where it does not vary.
+
+    key: name of the quantity; values: [N]; residuals: measured − estimated by model, W [N].
+    """
     figure = go.Figure()
     for (name, residual), color in zip(residuals.items(), LINES, strict=False):
         found = bins(values, residual)
@@ -104,7 +111,7 @@ def error_over(
 
 
 def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Floats]) -> Figure:
-    """RMS and mean error in named groups of samples."""
+    """Bars of each model's rms error, W, in named groups of samples (masks [N])."""
     figure = go.Figure()
     for (name, residual), color in zip(residuals.items(), LINES, strict=False):
         values = []
@@ -120,7 +127,7 @@ def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Fl
 
 
 def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bool]) -> Figure:
-    """W that each effect explains, the most probable on top."""
+    """Bars of the power in W that each effect explains, the first on top; chosen: coloured."""
     colors = [COLORS['better'] if own else COLORS['line'] for own in chosen]
     figure = go.Figure(
         go.Bar(
@@ -141,7 +148,7 @@ def staircase(
     errors: Sequence[float],
     lines: Mapping[str, float],
 ) -> Figure:
-    """Held-out error of each model, and levels to reach, W."""
+    """Bars of the held-out error of each model, W; lines: levels to draw across, W by name."""
     colors = [COLORS['base']] + [COLORS['better']] * (len(steps) - 1)
     figure = go.Figure(
         go.Bar(
@@ -206,7 +213,7 @@ def _middles(edges: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Stairs:
-    """Held-out errors of one kind on the same recordings, step by step."""
+    """Comparable held-out errors on the same recordings, step by step."""
 
     steps: tuple[str, ...]
     errors: tuple[float, ...]  # W, over the meters
@@ -245,7 +252,7 @@ class Stairs:
         )
 
     def figure(self, lines: Mapping[str, float] | None = None) -> Figure:
-        """Draw it; lines: errors of other models, W."""
+        """Draw the errors as bars; lines: errors of other models to draw across, W by name."""
         return staircase(self.steps, self.errors, {'sensor noise': self.noise, **(lines or {})})
 
 

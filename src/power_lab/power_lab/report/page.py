@@ -28,7 +28,7 @@ _COLOR_NAMES = ('orange', 'blue', 'green')
 def write_diagnosis(
     path: Path, outcome: Outcome, also: Sequence[str], catalogue: Catalogue
 ) -> None:
-    """The page of `diagnose`; also: models whose error is drawn beside the staircase."""
+    """Write the HTML page of a diagnosis; also: models whose errors are drawn beside it."""
     diagnosis = outcome.diagnosis
     prepared = outcome.prepared
     kind = verdict_in_words(diagnosis.verdict, len(diagnosis.effects))
@@ -72,7 +72,7 @@ def write_diagnosis(
 
 
 def write_comparison(path: Path, comparison: Comparison) -> None:
-    """The page of `compare`."""
+    """Write the HTML page of a comparison."""
     content = comparison.json()
     models = sorted(content['models'], key=lambda model: _error(model))
     page = Page('Comparison of power models')
@@ -367,7 +367,7 @@ def _worst_first(residuals: Mapping[str, Floats]) -> list[int]:
 
 
 def closest(models: Sequence[Mapping[str, object]]) -> str:
-    """Name the model that is closest to the measurement, in a sentence."""
+    """Name the model with the least error in a sentence; models: those of `Comparison.json`."""
     order = sorted(models, key=_error)
     best, worst = order[0], order[-1]
     drives = best['drives']

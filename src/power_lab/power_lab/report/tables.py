@@ -37,7 +37,7 @@ _VERDICT_STYLE = {
 
 
 def print_model(console: Console, model: EffectModel) -> None:
-    """Coefficients and errors of the measurement with intervals."""
+    """Print coefficients and errors of the measurement with 95 % intervals."""
     console.print(f'active effects: {", ".join(model.effects)}')
     if model.base:
         console.print(f'on top of {model.base}')
@@ -99,7 +99,7 @@ def _fitted_table(
 
 
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
-    """Errors by model and drive, and where they are worst."""
+    """Print errors by model and drive, and where they are worst; content: of `Comparison.json`."""
     table = _table(f'held-out errors over {content["extent"]}')
     for column in ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J'):
         table.add_column(column, justify='left' if column in ('model', 'drive') else 'right')
@@ -135,7 +135,7 @@ def _extent(rows: int, content: dict[str, Any]) -> str:
 
 
 def print_outcome(console: Console, outcome: Outcome) -> None:
-    """Verdict, candidates, measurement, what to record next."""
+    """Print verdict, candidates, errors of the measurement, and what to record next."""
     content = outcome.json()
     if outcome.headline:
         console.print(f'[bold]measurement[/]: {outcome.headline}')
@@ -233,7 +233,7 @@ def print_discovery(console: Console, outcome: DiscoveryOutcome) -> None:
 
 
 def power_balances(data: AlignedDataset) -> dict[str, ShaftBalance]:
-    """Return the balance by drive; of `robot` alone where no drive has a meter of its own."""
+    """Regress metered on shaft power for each metered drive, or for `robot` where none has one."""
     power, supply, torque, velocity = (
         each.astype(np.float64) for each in (data.power, data.supply, data.torque, data.velocity)
     )
@@ -250,7 +250,7 @@ def power_balances(data: AlignedDataset) -> dict[str, ShaftBalance]:
 
 
 def balance_lines(data: AlignedDataset, balances: Mapping[str, ShaftBalance]) -> list[str]:
-    """Return a line for each balance, with the unit where the current stands for torque."""
+    """Return a line of text for each balance, with its unit where current stands for torque."""
     current = set(data.current_as_torque)
     lines = []
     for name, balance in balances.items():

@@ -19,7 +19,7 @@ class Driver:
     kind: str
     symbol: str
     unit: str
-    code: str  # of a file of effects; signals and column are known there
+    code: str  # Python expression over signals and column, the index of the drive
     given: tuple[float, ...] = ()  # parameters of a state with memory
     other: str = ''  # drive that it is of
     memory: str = ''  # 'lag', 'rest' or 'play'
@@ -56,7 +56,7 @@ FACTORS = {
 
 @dataclass(frozen=True)
 class Family:
-    """Shapes s(driver)·factor that act on the motor's torque or on the power."""
+    """Functions s(driver)·factor of one driver and factor, which act on motor torque or power."""
 
     driver: Driver
     factor: Factor
@@ -64,17 +64,17 @@ class Family:
 
     @property
     def kind(self) -> str:
-        """Quantity that it depends on."""
+        """Kind of quantity of the driver, such as `position`."""
         return self.driver.kind
 
     @property
     def group(self) -> tuple[str, ...]:
-        """Name that its variants in memory and those of other drives share."""
+        """Key that a family shares with its variants: other memories, other drives."""
         return (self.driver.name, self.factor.name, self.acts_on)
 
 
 def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
-    """Values of the driver at the rate of the signals [T]."""
+    """Values of the driver at each sample [T]; drive: index of its drive."""
     scope = {
         'np': np,
         'signals': signals,
@@ -92,7 +92,7 @@ def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
 
 
 def factor_values(factor: Factor, signals: Signals, drive: int) -> Floats | float:
-    """Values of the factor [T], 1 for none."""
+    """Values of the factor [T] in its unit; 1.0 for the factor without code."""
     if not factor.code:
         return 1.0
     scope = {

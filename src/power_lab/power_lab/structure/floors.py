@@ -16,7 +16,7 @@ Decides for robots of five drives and more: with n drives one alone reaches the 
 
 
 def floors(fitter: Fitter, least: float, share: float) -> Floats:
-    """W [D]: a floor that respects the meter's noise and its size."""
+    """Least rms power to judge, W [D]: `least`, half the meter noise, or `share` of the power."""
     prepared = fitter.prepared
     power = prepared.power_at(0.0)
     rms = np.sqrt(np.nanmean(np.square(power), axis=0))
@@ -26,7 +26,7 @@ def floors(fitter: Fitter, least: float, share: float) -> Floats:
 
 
 def unseen(prepared: Prepared, fit: Fit) -> Floats:
-    """W [D]: structure that the sampling of the joint signals alone may put on."""
+    """Error that sampling of the joint signals may cause, W rms [D]."""
     columns = fit.structure.columns_of('copper_loss')
     drives = len(prepared.signals.names)
     copper = fit.coefficients[:, columns[0]] if columns else np.zeros(drives)
@@ -34,13 +34,13 @@ def unseen(prepared: Prepared, fit: Fit) -> Floats:
 
 
 def above_floor(gain: Floats, floor: Floats) -> bool:
-    """Return whether squared watts [D] reach the floor [D], pooled or on one drive alone."""
+    """Return whether gains, W² [D], reach floors, W [D], pooled, or twice that on one drive."""
     ratio = np.maximum(gain, 0.0) / np.square(floor)
     return bool(ratio.mean() >= 1.0 or ratio.max() >= _ALONE**2)
 
 
 def beyond_physics(evidence: Evidence) -> list[str]:
-    """Added effects with a coefficient at a bound that no drive attains: nothing to name."""
+    """Names of added effects with a coefficient at a bound that no real drive reaches."""
     fit = evidence.fit
 
     def beyond(drive: int, column: int) -> bool:

@@ -29,7 +29,7 @@ class Course:
 
     @property
     def width(self) -> int:
-        """Number of columns."""
+        """Number of regressors."""
         return 2 * _HARMONICS if self.period else self.knots + (self.step is not None)
 
     @property
@@ -42,7 +42,7 @@ class Course:
         return 'a drift over the recording'
 
     def columns(self, time: Floats, recording: NDArray[np.int32]) -> Floats:
-        """Columns [T, width]."""
+        """Regressors of the course [T, width], from time in s and number of the recording [T]."""
         if self.period:
             angle = 2 * np.pi * (time - time[0]) / self.period
             waves = [f(h * angle) for h in range(1, _HARMONICS + 1) for f in (np.sin, np.cos)]
@@ -61,7 +61,7 @@ class Course:
 
 @dataclass(frozen=True)
 class InTime:
-    """A course in time of one drive's residual."""
+    """Course in time that explains most of one drive's residual."""
 
     drive: int
     shape: Course
@@ -70,7 +70,7 @@ class InTime:
 
 
 def course_effect(name: str, courses: Mapping[str, Course]) -> Effect:
-    """Power that follows the time of the recording alone; for fits beside it, never for a file."""
+    """Effect that follows recording time alone, by a course for each drive; never for a file."""
     count = max(course.width for course in courses.values())
 
     def regressors(signals: Signals, **_: float) -> Floats:
@@ -93,7 +93,10 @@ def course_effect(name: str, courses: Mapping[str, Course]) -> Effect:
 
 
 def in_time(problem: DriveProblem, time: Floats, recording: NDArray[np.int32]) -> InTime | None:
-    """Return the course that explains most of a drive's residual, if any does."""
+    """Return the course over time, s [N], that explains most of a drive's residual, or None.
+
+    recording: number of the recording of each row [N].
+    """
     best: InTime | None = None
     for one in _courses(problem, time, recording):
         columns = one.columns(time, recording)

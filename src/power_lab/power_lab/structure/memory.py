@@ -5,7 +5,10 @@ from wattwalk_core.arrays import Floats
 
 
 def lagged(values: Floats, before: Floats | None, rate: float, seconds: float) -> Floats:
-    """First-order lag of values [T] of one stretch; from zero on after a cold start."""
+    """First-order low-pass of values [T] at a rate in Hz; seconds: time constant.
+
+    before: last input and output [2], None to start from zero.
+    """
     from scipy.signal import lfilter  # here, as effect files copy the function
 
     keep = np.exp(-1.0 / (rate * seconds))
@@ -40,9 +43,9 @@ def after_rest(
 
 
 def play(values: Floats, before: Floats | None, width: float) -> Floats:
-    """Place within a play, −1 to 1 [T]: it follows the values and sticks where they turn round.
+    """Position within a backlash, −1 to 1 [T]: it follows the values and sticks at reversals.
 
-    All clamps of the play are composed by doubling, so that no loop runs over the samples.
+    All clamps are composed by doubling, so that no loop runs over the samples.
     """
     half = 0.5 * width
     low, high = values - half, values + half
@@ -60,7 +63,7 @@ def play(values: Floats, before: Floats | None, width: float) -> Floats:
 
 
 def by_stretch(signals, column: int, values: Floats, state, *given: float) -> Floats:  # type: ignore[no-untyped-def]
-    """State of a drive's values [T], begun anew in each stretch without gaps, or carried on."""
+    """Apply a state such as `play` to a drive's values [T], begun anew after each gap."""
     key, carried, time = (state.__name__, column, given), signals.carried, signals.time
     last = None if carried is None else carried.before(key, time[0])
     before = None if last is None or time[0] - last[0] > 1.5 / signals.rate else last[1]

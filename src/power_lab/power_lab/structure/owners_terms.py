@@ -12,7 +12,7 @@ from power_estimator.effects.signals.prepared import Prepared
 
 @dataclass(frozen=True)
 class DriveAtWork:
-    """A drive in its recordings, which its coefficients are read beside."""
+    """Operating point of a drive, by which coefficients convert to terms of a data sheet."""
 
     load: float  # N·m, rms; NaN where unknown
     speed: float  # rad/s, rms; NaN where unknown
@@ -21,7 +21,7 @@ class DriveAtWork:
 
     @classmethod
     def of(cls, prepared: Prepared, drive: int, copper: float) -> 'DriveAtWork':
-        """Take the rms of load and speed; copper in W/(N·m)²."""
+        """Take rms load and speed from the signals of a drive (index); copper: W/(N·m)²."""
         signals = prepared.signals
         load, speed = (
             float(np.sqrt(np.mean(np.square(x[:, drive]))))

@@ -81,7 +81,7 @@ class DriverScreen:
         self._weights: dict[tuple[str, str], Floats] = {}
 
     def screen(self, family: Family) -> DriverGain | None:
-        """Gains of one family, None where its driver hardly varies."""
+        """Held-out gains of one family; None where its driver hardly varies."""
         driver = self._driver(family)
         z = driver[self.rows]
         low, high = np.quantile(z, (_TAIL, 1.0 - _TAIL))
@@ -211,7 +211,7 @@ def chance(screened: Sequence[Sequence[DriverGain]], errors: Sequence[float]) ->
 
 
 def promising(screened: Sequence[Sequence[DriverGain]]) -> set[tuple[str, ...]]:
-    """Groups of families that gain most over all drives, or on one of them."""
+    """Groups of families that gain most over all drives, or on one of them, to learn shapes of."""
     pooled: dict[tuple[str, ...], float] = defaultdict(float)
     wanted: set[tuple[str, ...]] = set()
     for own in screened:

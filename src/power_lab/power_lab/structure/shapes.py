@@ -20,9 +20,9 @@ from power_lab.structure.drivers import Family, driver_values, factor_values
 
 @dataclass(frozen=True)
 class Moments:
-    """Normal equations of columns and power, by fold.
+    """Normal equations of m regressors and the power, for F folds.
 
-    The last of the training ones is of everything.
+    The last of the training ones is of all folds together.
     """
 
     gram: Floats  # [F + 1, m, m], of the training
@@ -41,7 +41,7 @@ class Moments:
 
 @dataclass(frozen=True)
 class DriveProblem:
-    """One drive: the base model's columns and the power that they are fitted to."""
+    """Regression of one drive: m regressors of the base model, and the power to be explained."""
 
     drive: int
     columns: Floats  # [N, m]
@@ -55,7 +55,7 @@ class DriveProblem:
 
     @cached_property
     def scatter(self) -> tuple[Floats, NDArray[np.bool_]]:
-        """Columns by block [B, L, m] and the rows that count [B, L]."""
+        """Regressors by block [B, L, m], 0 in rows that do not count, and mask of rows [B, L]."""
         rows, mask = self.blocks.rows, self.blocks.mask[..., 0]
         return self.columns[rows] * mask[..., None], mask
 
@@ -73,17 +73,20 @@ class DriveProblem:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Mark the base's columns [m] whose coefficients stand at no bound."""
+        """Mask of the base's coefficients [m] that stand at no bound."""
         return ~self.held(self._alone[1][-1])
 
     def held(self, coefficients: Floats) -> NDArray[np.bool_]:
-        """Mark the base's coefficients [m] that stand at a bound."""
+        """Mask of the base's coefficients [m] that stand at a bound."""
         reach = 1e-7 * (1.0 + np.abs(coefficients))
         low, high = self.lower + reach, self.upper - reach
         return np.asarray((coefficients <= low) | (coefficients >= high))
 
     def block_moments(self, extra: Floats | None) -> tuple[Floats, Floats, Floats]:
-        """Gram [B, m, m], moment [B, m], square [B] of the base columns and extra [N, K]."""
+        """Gram [B, m + K, m + K], moment [B, m + K] and square [B] by block; extra: [N, K].
+
+        extra: further regressors beside the base's.
+        """
         own, mask = self.scatter
         rows = self.blocks.rows
         if extra is not None:
@@ -93,7 +96,7 @@ class DriveProblem:
         return turned @ own, (turned @ target[..., None])[..., 0], np.square(target).sum(axis=1)
 
     def moments(self, extra: Floats | None) -> Moments:
-        """Moments by fold of the base columns and extra [N, K]."""
+        """Normal equations by fold of the base's regressors and further ones, extra [N, K]."""
         gram, moment, square = self.block_moments(extra)
         train = np.concatenate([self.folds.training, np.ones((1, len(gram)))])
         test = (self.folds.test == np.arange(self.folds.count)[:, None]).astype(np.float64)
@@ -107,7 +110,7 @@ class DriveProblem:
         )
 
     def solve(self, moments: Moments, penalty: Floats) -> Floats:
-        """Coefficients [F + 1, m + K] with a penalty [K, K] on what stands beside the base."""
+        """Coefficients [F + 1, m + K] by fold and of all; penalty [K, K]: of the further ones."""
         gram, m = moments.gram.copy(), len(self.ridge)
         gram[:, m:, m:] += penalty
         free = np.full(gram.shape[1] - m, np.inf)
@@ -123,7 +126,10 @@ class DriveProblem:
 def problems(
     fitter: Fitter, evidence: Evidence, folds: Folds, residual: Floats
 ) -> list[DriveProblem]:
-    """One problem for each drive that was measured for long enough, from a base model's fit."""
+    """Regressions of the drives that were measured for long enough, from a fit of the base.
+
+    residual: held-out residual of that fit, W [N, D].
+    """
     fit = evidence.fit
     prior = fit.structure.priors(fitter.scale)
     blocks = fitter.blocks
@@ -186,7 +192,7 @@ class LearnedShape:
 
 
 def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Place left of each value [T] among evenly spaced nodes, and its distance in spacings."""
+    """Index of the node left of each value [T], and distance from it in node spacings [T]."""
     place = (values - nodes[0]) / (nodes[1] - nodes[0])
     place = np.clip(place, 0.0, len(nodes) - 1.000001)
     left = place.astype(np.intp)
@@ -194,7 +200,7 @@ def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
 
 
 def spread(values: Floats, count: int = NODES) -> Floats | None:
-    """Nodes over the values, None where they hardly vary."""
+    """Evenly spaced nodes [count] over the values' range; None where they hardly vary."""
     low, high = np.quantile(values, (_TAIL, 1.0 - _TAIL))
     if not np.isfinite(high - low) or high - low < 1e-9 * max(abs(low), abs(high), 1e-6):
         return None
@@ -202,7 +208,7 @@ def spread(values: Floats, count: int = NODES) -> Floats | None:
 
 
 def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, Floats]:
-    """Driver [T] and what its function is multiplied by, W per unit [T]."""
+    """Driver [T] and the weight of its function, W per unit [T], at each sample of a drive."""
     signals = point.signals
     z = driver_values(family.driver, signals, drive)
     weight = factor_values(family.factor, signals, drive) * np.ones(len(z))
@@ -214,7 +220,7 @@ def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, F
 def learn(
     problem: DriveProblem, family: Family, point: Linearisation, prepared: Prepared
 ) -> LearnedShape | None:
-    """Learn the family's shape; its smoothness is that with the least held-out error."""
+    """Learn the shape with the smoothness of least held-out error; None without variation."""
     z, weight = instant(family, point, problem.drive)
     count = {'angle': OF_TURN, 'position': OF_POSITION}.get(family.driver.name, NODES)
     nodes = spread(z, count)

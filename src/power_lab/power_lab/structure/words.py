@@ -58,7 +58,7 @@ def coefficient_in_words(effect: str, symbol: str) -> str:
 
 
 def verdict_in_words(verdict: str, found: int) -> str:
-    """A verdict as a heading; found: effects that it names."""
+    """A verdict as a heading; found: number of effects that it names."""
     return {
         'named': f'Found: {found} missing effect{"" if found == 1 else "s"}',
         'ambiguous': 'Several effects are plausible',

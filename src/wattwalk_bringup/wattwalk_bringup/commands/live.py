@@ -23,13 +23,13 @@ from wattwalk_bringup.settings import BringupSettings
 
 
 class PlainDisplay:
-    """A line for each line of a log and each change of a state, after the name of the node."""
+    """Prints new log lines and changes of state, each after the name of the node."""
 
     def __init__(self) -> None:
         self._states: dict[str, str] = {}
 
     def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Print what is new."""
+        """Update the nodes and print what is new."""
         for node in nodes:
             for line in node.update():
                 print(f'{node.name}: {line}', flush=True)
@@ -39,13 +39,13 @@ class PlainDisplay:
 
 
 class TableDisplay:
-    """A table of node, state, time in it, share of a core and last line of the log."""
+    """Draws a table of node, state, time in it, share of a core and last line of the log."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
 
     def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Draw the table anew."""
+        """Update the nodes and draw the table anew."""
         for node in nodes:
             node.update()
         self._live.update(_table(nodes))
@@ -74,7 +74,7 @@ def _table(nodes: Sequence[RunningNode]) -> Table:
 
 @contextmanager
 def display() -> Iterator[PlainDisplay | TableDisplay]:
-    """Return the display for stdout."""
+    """Yield a table on a terminal, else a display that prints lines."""
     console = output()
     if not console.is_terminal:
         yield PlainDisplay()
