@@ -18,7 +18,7 @@ class Samples:
         return len(self.stamp_ns)
 
     def rows(self, index: Any) -> Self:
-        """Return the samples at index."""
+        """Return the samples at `index`: a slice, a mask [N] or integers."""
         arrays = {
             f.name: getattr(self, f.name)[index]
             for f in fields(self)
@@ -66,7 +66,7 @@ class DriveSamples(Samples):
 
     @property
     def lost(self) -> int:
-        """Samples missing by their sequence numbers."""
+        """Number of samples missing by their sequence numbers."""
         steps = np.diff(self.sequence.astype(np.int64))
         return int((steps - 1).clip(min=0).sum())
 
@@ -86,10 +86,10 @@ class SupplySamples(Samples):
 
 @dataclass(frozen=True)
 class MotorCurrentSamples(Samples):
-    """Currents that make the torque of D motors."""
+    """Torque-producing (quadrature-axis) currents of D motors."""
 
     names: tuple[str, ...]
-    current: Singles  # A [N, D], of the quadrature axis
+    current: Singles  # A [N, D]
 
 
 @dataclass(frozen=True)
