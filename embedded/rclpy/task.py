@@ -25,7 +25,7 @@ class Future:
         return self._cancelled
 
     def cancel(self) -> None:
-        """Give up waiting."""
+        """Cancel the future and call the callbacks."""
         self._finish(cancelled=True)
 
     def result(self) -> Any:
@@ -35,7 +35,7 @@ class Future:
         return self._result
 
     def exception(self) -> BaseException | None:
-        """Return the exception that was set."""
+        """Return the exception that was set, or None."""
         return self._exception
 
     def set_result(self, result: Any) -> None:

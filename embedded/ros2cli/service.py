@@ -36,7 +36,7 @@ def _type(options: argparse.Namespace) -> None:
 
 
 def request(node: Any, service_type: Any, name: str, message: Any, timeout: float) -> Any:
-    """Call a service and return its response; raise CommandError where there is none."""
+    """Call a service and return its response; CommandError if none comes in `timeout` s."""
     import rclpy  # slow to import
 
     client = node.create_client(service_type, name)
