@@ -35,8 +35,9 @@ REAL = (
 class Sealed:
     """A recording with its truth.
 
-    missing: names that are true to say; None where nobody knows. impossible: names that physics
-    rules out whatever else is missing. watts: rms that each hidden effect changes the power by.
+    known: effects of the base model. missing: effects that it lacks. impossible: effects that
+    physics rules out. coefficients: true values by drive and name. watts: RMS change of power by
+    each hidden effect.
     """
 
     data: AlignedDataset
@@ -114,7 +115,7 @@ class OfPlant:
 
 @dataclass(frozen=True)
 class OfRobot:
-    """A question about a walk of the shipped robot's leg, of whose effects one may be unknown."""
+    """A question about a walk of the shipped robot, whose model may lack one effect (`hidden`)."""
 
     seconds: float
     seed: int
@@ -193,10 +194,10 @@ def plant_questions(
     drives: int | None = None,
     nulls: bool = False,
 ) -> list[OfPlant]:
-    """Draw so many questions of each family: a fair sample of motions, drives and effects.
+    """Draw `count` questions of each family, with random motions, drives and effects.
 
-    Two in five hide nothing, two in five one effect of the catalogue, one in ten two of them, one
-    in ten an effect that no catalogue has, half of these beside one that it has.
+    Two in five hide nothing, two in five one effect of the catalogue, one in ten two of them. One
+    in ten hide an effect that no catalogue has, half of these beside one that it has.
     """
     out = []
     for name in families:

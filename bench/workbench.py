@@ -74,7 +74,7 @@ _PREVIEW = """
 
 
 def main() -> int:
-    """Measure and print a table."""
+    """Measure the workbench and print a table of its speed and memory."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--bag', type=Path)
     parser.add_argument('--count', type=int, default=30)
@@ -102,7 +102,7 @@ class WorkbenchFigures:
         self._table = Table(*columns, title=title)
 
     def times(self, name: str, values: Sequence[float], goal: float | None = None) -> None:
-        """Add times in ms."""
+        """Add a row of median and 99th percentile of times in ms."""
         middle, worst = np.quantile(values, [0.5, 0.99])
         shown = '' if goal is None else f'{goal:.0f} ms'
         row = (f'{middle:.0f} ms', f'{worst:.0f} ms', shown, str(len(values)))
