@@ -57,7 +57,7 @@ class Calibration:
 
 
 def label(path: Path) -> str:
-    """Return a calibration's entry in a card: its file's name and the start of its SHA-256."""
+    """Return a calibration file's entry in a card, name and hash; InputError if unreadable."""
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:

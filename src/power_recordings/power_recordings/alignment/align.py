@@ -124,7 +124,8 @@ def load_aligned(
 def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
     """Join aligned recordings, with the joints in the order of the first.
 
-    InputError for recordings of different joints, or of torques of different kinds.
+    InputError for different joints, for torques of which only one is computed from a motor's
+    current, and for `steady` operating points beside others.
     """
     first, *others = parts
     ordered = [first]

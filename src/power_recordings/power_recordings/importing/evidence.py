@@ -43,7 +43,7 @@ class MeterColumns:
 
     @property
     def power(self) -> Floats:
-        """W [N]."""
+        """Power of the first rows, W [N]."""
         return np.prod([si(part) for part in self.parts], axis=0)  # type: ignore[no-any-return]
 
 

@@ -63,7 +63,7 @@ class Signal:
 
 
 class SignalsByQuantity:
-    """A part of a map whose fields are signals."""
+    """Base class of parts of a map whose fields are signals, named as their quantities."""
 
     def signals(self) -> dict[str, Signal]:
         """Return the signals that the map has, by quantity."""

@@ -90,7 +90,7 @@ class EnergyCheck:
 
     @property
     def text(self) -> str:
-        """Both in Wh, and whether they agree."""
+        """Sentence with both energies in Wh, their ratio, and whether they agree."""
         counted, integral = self.counted / _WATT_HOURS, self.integral / _WATT_HOURS
         ratio = integral / counted if counted else np.inf
         agree = (

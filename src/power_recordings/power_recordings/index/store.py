@@ -170,11 +170,11 @@ class RecordingIndex:
         return bool(self.rows(query, (stamp.path, stamp.size, stamp.changed)))
 
     def keep(self, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None = None) -> None:
-        """Keep a card, and an answer in place of a former one of its kind and key."""
+        """Store a card and, if given, an answer, which replaces one of its kind and key."""
         self._asked(lambda database: _keep(database, stamp, about, answer), None)
 
     def rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of an SQL query over `recordings`, `answers` and `figures`."""
+        """Return rows of an SQL query on `recordings`, `answers`, `figures`; none if `off`."""
         return self._asked(lambda database: database.execute(query, values).fetchall(), [])
 
     def forget_lost(self) -> int:

@@ -51,7 +51,7 @@ class DriveSamples(Samples):
 
     @property
     def power(self) -> Singles:
-        """W [N, D], drawn by each drive."""
+        """Power drawn by each drive, W [N, D]."""
         return self.voltage * self.current
 
     @property
@@ -73,14 +73,14 @@ class DriveSamples(Samples):
 
 @dataclass(frozen=True)
 class SupplySamples(Samples):
-    """The whole robot's supply."""
+    """N samples of the whole robot's supply."""
 
     voltage: Singles  # V [N]
     current: Singles  # A [N], negative while drawing (sensor_msgs/BatteryState)
 
     @property
     def power(self) -> Singles:
-        """W [N], positive = drawn by the robot."""
+        """Power drawn by the robot, W [N]."""
         return -self.voltage * self.current
 
 
@@ -121,14 +121,14 @@ class OdomSamples(Samples):
 
 @dataclass(frozen=True)
 class CmdVelSamples(Samples):
-    """Velocity commands."""
+    """Velocity commands to the robot's base."""
 
     velocity: Singles  # [N, 3]: vx, vy m/s, yaw rate rad/s
 
 
 @dataclass(frozen=True)
 class EstimateSamples(Samples):
-    """Estimates of the live node."""
+    """Power estimates that the live node published, of D drives and of the robot."""
 
     names: tuple[str, ...]
     model: tuple[str, ...]  # the models that made them

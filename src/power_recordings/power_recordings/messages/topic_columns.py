@@ -126,7 +126,7 @@ class Columns:
         self.blocks.append(Block(layout, order, stamp, columns))
 
     def check(self) -> None:
-        """Raise InputError for too many different sets of names."""
+        """Raise InputError if names or array lengths change in nearly every message added."""
         if self._too_many_layouts:
             raise InputError(
                 f'{self.topic}: the names or array lengths change in nearly every message; '

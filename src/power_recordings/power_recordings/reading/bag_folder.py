@@ -93,7 +93,7 @@ class SqliteFile:
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag folder or a single file of one."""
+    """A recording on disk: the files of a bag folder, or a single file."""
 
     path: Path
     folder: Path

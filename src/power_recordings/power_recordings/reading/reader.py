@@ -202,7 +202,7 @@ class Recording:
         return cast(JointSamples, self._get('joint_states'))
 
     def joint_commands(self) -> JointSamples:
-        """Targets of the joints."""
+        """Commanded positions, velocities and torques of the joints."""
         return cast(JointSamples, self._get('joint_commands'))
 
     def motor_current(self) -> MotorCurrentSamples:
@@ -210,11 +210,11 @@ class Recording:
         return cast(MotorCurrentSamples, self._get('motor_current'))
 
     def supply(self) -> SupplySamples:
-        """The whole robot's supply."""
+        """Voltage and current of the whole robot's supply."""
         return cast(SupplySamples, self._get('supply'))
 
     def power_estimate(self) -> EstimateSamples:
-        """Estimates that were made live."""
+        """Power estimates that were published during the recording."""
         return cast(EstimateSamples, self._get('power_estimate'))
 
     def foot_force(self) -> FootForceSamples:
