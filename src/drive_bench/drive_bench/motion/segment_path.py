@@ -19,7 +19,7 @@ class Mounting:
     """Load that a drive turns.
 
     pendulum: torque with which gravity pulls at a right angle, N·m; 0 for none. hanging: angle at
-    which it hangs, rad. locked: the joint cannot turn. InputError for what cannot be.
+    which it hangs, rad. locked: the joint cannot turn. InputError for impossible values.
     """
 
     pendulum: float = 0.0

@@ -47,7 +47,7 @@ class RecorderProcess:
 
     @property
     def ended(self) -> str:
-        """Reason for its end, or '' while it runs."""
+        """Reason for the recorder's end, '' while it runs."""
         code = self._process.returncode
         if code is None:
             return ''
@@ -125,8 +125,7 @@ _SPARE: Final = 600.0  # s by which a recorder outlasts its motion at most, if t
 class MotionRecording:
     """Recording of one motion; `advance` is called at 10 Hz.
 
-    ros: arguments for ROS that the recorder gets, such as its namespace. moved: whether the
-    motion has begun.
+    ros: arguments for ROS that the recorder gets, such as its namespace.
     """
 
     def __init__(self, options: RunOptions, ros: Sequence[str] = ()) -> None:

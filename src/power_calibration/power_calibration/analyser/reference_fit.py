@@ -16,7 +16,7 @@ _LEVEL = 0.95
 
 
 def blocks_of(time: Floats) -> NDArray[np.intp]:
-    """Return the block of each of T ascending times: 5 to 60 blocks, of 1 s or more if it can."""
+    """Divide ascending times [T] into 5 to 60 blocks, of 1 s or more; return block indices [T]."""
     span = float(time[-1] - time[0])
     count = int(np.clip(span / _LEAST_BLOCK, _FEWEST_BLOCKS, _MOST_BLOCKS))
     owner = np.minimum(((time - time[0]) / (span / count)).astype(np.intp), count - 1)
@@ -67,7 +67,7 @@ class IntervalEstimate:
 
     @property
     def interval(self) -> list[float]:
-        """Limits as a list."""
+        """Limits as [low, high]."""
         return [self.low, self.high]
 
     @classmethod

@@ -79,7 +79,7 @@ class PolicyWalk:
 
 
 class SensedWalk(PolicyWalk):
-    """A policy as on the robot: its inputs are what the sensors read one joint sample ago.
+    """A policy whose inputs are sensor readings, one joint sample old, as on the robot.
 
     The base's velocity is not among them; legs and IMU estimate it.
     """

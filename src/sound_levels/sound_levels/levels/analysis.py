@@ -136,7 +136,7 @@ class Take:
 
     @property
     def stretch(self) -> Stretch:
-        """Levels that are evaluated, for statistics."""
+        """Evaluated part of the sound, in the form that `statistics` takes."""
         sound, rows = self.sound, self.counted
         return Stretch.of(
             self.path.name,
@@ -171,7 +171,7 @@ class Analysis:
 
     @property
     def policies(self) -> tuple[str, ...]:
-        """Names in the order of the files."""
+        """Names of the policies, in the order of the files."""
         return tuple(dict.fromkeys(take.policy for take in self.takes))
 
     def of(self, policy: str) -> list[Take]:
@@ -179,7 +179,7 @@ class Analysis:
         return [take for take in self.takes if take.policy == policy]
 
     def levels(self, takes: Sequence[Take]) -> Levels:
-        """Return the levels of takes together in the unit."""
+        """Return the level statistics of several takes together, in `unit`."""
         found = levels([take.stretch for take in takes])
         shifted = {k: v + self.shift for k, v in asdict(found).items() if k != 'seconds'}
         return Levels(seconds=found.seconds, **shifted)

@@ -43,7 +43,7 @@ def sections(weighting: str, rate: float) -> Floats:
 
 
 def response(rows: Floats, frequency: Floats | float, rate: float) -> Floats:
-    """Return the gain of sections in dB at frequencies in Hz."""
+    """Return the gain of `sections` in dB at frequencies in Hz; rate: of sampling, Hz."""
     _, gain = sosfreqz(rows, np.atleast_1d(frequency), fs=rate)
     return np.asarray(20.0 * np.log10(np.abs(gain))).reshape(np.shape(frequency))
 

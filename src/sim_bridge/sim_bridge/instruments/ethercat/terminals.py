@@ -257,7 +257,7 @@ def _constant(volts: Volts) -> Callable[[], Volts]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve a coupler and terminals until Ctrl-C; 2 for an interface that cannot be used."""
+    """Serve a coupler and terminals until Ctrl-C; InputError for an unusable interface."""
     if len(options.volts) % 2:
         raise InputError(f'--volts has {len(options.volts)} numbers; give two for each terminal')
     pairs: list[Volts] = list(zip(options.volts[::2], options.volts[1::2], strict=True))
