@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 
 class Client(ServiceEntity):
-    """Sends requests to a service."""
+    """Client of a service, which sends requests."""
 
     def __init__(
         self, node: Any, srv_type: Any, srv_name: str, callback_group: Any, qos_profile: QoSProfile

@@ -49,7 +49,7 @@ def _refuse_security() -> None:
 
 
 class Context:
-    """One init-to-shutdown cycle; not to be used twice."""
+    """State of rclpy from init to shutdown; it cannot be started twice."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()

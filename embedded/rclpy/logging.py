@@ -13,7 +13,7 @@ COLOURS = {'DEBUG': '32', 'WARN': '33', 'ERROR': '31', 'FATAL': '31'}
 
 
 class LoggingSeverity(IntEnum):
-    """Severities; UNSET takes that of the parent."""
+    """Severities of messages; a logger with UNSET takes that of its parent."""
 
     UNSET = 0
     DEBUG = 10

@@ -256,7 +256,7 @@ class Node(Parameters):
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Service:
-        """Serve requests by a callback (request, response) -> response."""
+        """Make a server of a service with a callback (request, response) -> response."""
         self._alive()
         name = self._resolve(srv_name, True)
         group = callback_group or self._default_callback_group

@@ -65,7 +65,7 @@ class Timer:
         self._changed()
 
     def destroy(self) -> None:
-        """Never call back again."""
+        """Stop for good."""
         self._destroyed = self._canceled = True
 
     def time_until_next_call(self) -> int | None:

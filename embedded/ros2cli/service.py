@@ -71,7 +71,7 @@ def _served(node: Any) -> dict[str, list[str]]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run a verb."""
+    """Run a verb of `ros2 service` and return its exit code."""
     verbs = Verbs('service', 'Services of the domain.')
     verb = verbs.add('list', _list, 'List services.', 'ros2 service list -t')
     add_spin_time(verb)

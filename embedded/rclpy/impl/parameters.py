@@ -67,7 +67,7 @@ def out_of_range(parameter: Parameter, descriptor: Any) -> str:
 
 
 class Parameters:
-    """The part of a node that holds its parameters."""
+    """Base class of a node that declares, reads and sets its parameters."""
 
     def __init__(self, overrides: dict[str, Any]):
         self._parameters: dict[str, Parameter] = {}

@@ -142,7 +142,7 @@ class ServiceEntity:
         raise NotImplementedError
 
     def destroy(self) -> None:
-        """Leave the service."""
+        """Release the DDS reader and writer."""
         self._end = None
 
 
