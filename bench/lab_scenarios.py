@@ -139,7 +139,7 @@ class Scenario:
 
 
 def blind_questions(seed: int = 0) -> list[Scenario]:
-    """All questions of the blind benchmark, on the circuit and on the simulated robot."""
+    """Return all questions of the blind benchmark, on the circuit and the simulated robot."""
     return [*_circuit(seed), *_sim(seed)]
 
 

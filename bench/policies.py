@@ -40,14 +40,14 @@ class Variant:
         self.cpu: list[float] = []
 
     def round(self) -> None:
-        """Collect and learn once."""
+        """Run one round (collect and learn) and record its times."""
         wall, cpu = time.perf_counter(), time.process_time()
         self.learner.run(self.learner.iteration + 1, lambda done: None)
         self.wall.append(time.perf_counter() - wall)
         self.cpu.append(time.process_time() - cpu)
 
     def rate(self) -> float:
-        """Policy steps a second of the median round."""
+        """Return policy steps per second of wall time in the median round."""
         return self.steps / float(np.median(self.wall))
 
 

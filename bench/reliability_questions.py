@@ -61,7 +61,7 @@ class Question(Protocol):
         """Family, developed, motion, seconds, drives and hidden, for the file of results."""
 
     def seal(self) -> Sealed:
-        """Make the recording."""
+        """Make the recording and return it with its truth."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class OfPlant:
 
     @cached_property
     def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
+        """Properties of the question for the file of results, as of `Question.about`."""
         case = self.case
         return {
             'family': case.family,
@@ -89,7 +89,7 @@ class OfPlant:
         }
 
     def seal(self) -> Sealed:
-        """Make the recording."""
+        """Make the recording and return it with its truth."""
         found = record(self.case)
         drives = found.plant.drives
         off = {
@@ -130,7 +130,7 @@ class OfRobot:
 
     @property
     def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
+        """Properties of the question for the file of results, as of `Question.about`."""
         return {
             'family': 'anymal_c, real drives' if self.real else 'anymal_c',
             'developed': not self.real,

@@ -83,7 +83,7 @@ class Diagnostics:
         return self.figures[name]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Shut down the node and its ROS context."""
         self._executor.shutdown()
         rclpy.shutdown(context=self._context)
 
@@ -173,7 +173,7 @@ class System:
         self.used = {n: (now, p.cpu_seconds(), _memory_mb(p)) for n, p in self.nodes.items()}
 
     def usage(self) -> dict[str, dict[str, float]]:
-        """Share of a core and growth of memory (MB) of each node since the mark."""
+        """Return CPU in % of a core, memory and its growth in MB since `mark`, by node."""
         now = time.monotonic()
         return {
             name: {

@@ -93,7 +93,7 @@ class Account:
 
     @property
     def unaccounted(self) -> int:
-        """Samples that are missing without a reason.
+        """Number of samples that are missing without a reason.
 
         What is missing inside bags beyond what nodes counted: lost in DDS, or by the recorder.
         """

@@ -127,7 +127,7 @@ def _signals(rng: np.random.Generator, first: int) -> Floats:
 
 
 def make_csv(path: Path, size: int) -> str:
-    """Write a table of at least `size` bytes and return its map."""
+    """Write a CSV table of at least `size` bytes and return its import map as YAML."""
     rng = np.random.default_rng(0)
     names = ('pos', 'vel', 'torque', 'volt', 'amp')
     row = '%.3f,' + ','.join(['%.6f'] * (5 * DRIVES)) + '\n'
@@ -151,7 +151,7 @@ drives:
 
 
 def make_bag(path: Path, size: int) -> str:
-    """Write a recording of at least `size` bytes of messages and return a map of it."""
+    """Write a bag of at least `size` bytes of messages and return its import map as YAML."""
     rng = np.random.default_rng(0)
     names = tuple(f'D{i}' for i in range(DRIVES))
     with BagWriter(path, flush_period=10.0) as bag:

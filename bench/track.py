@@ -257,7 +257,7 @@ def _scored(own: Plan, result: Search) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Entry point."""
+    """Score `track` on many histories, print the tables and write the results as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--histories', type=int, default=8)
     parser.add_argument('--recordings', type=int, default=40)

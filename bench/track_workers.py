@@ -108,7 +108,7 @@ def fits(path: Path) -> int:
 
 
 def main() -> int:
-    """Entry point."""
+    """Run `track` with different workers and print a table; return 1 where a JSON differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     add = parser.add_argument
     add('--recordings', type=int, default=200)

@@ -95,7 +95,7 @@ def main() -> int:
 
 
 class WorkbenchFigures:
-    """Rows of what was measured beside its goal."""
+    """Table of measured times and memory with their goals."""
 
     def __init__(self, title: str) -> None:
         columns = ('what', 'median', 'p99', 'goal', 'of')
@@ -110,7 +110,7 @@ class WorkbenchFigures:
         print(f'{name}: {row[0]}', file=sys.stderr, flush=True)
 
     def memory(self, name: str, megabytes: float, most: float | None = None) -> None:
-        """Add a memory in MB, and its peak."""
+        """Add a row of memory in MB, with its peak `most`."""
         peak = '' if most is None else f'peak {most:.0f} MB'
         self._table.add_row(name, f'{megabytes:.0f} MB', peak, '', '')
 
