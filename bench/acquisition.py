@@ -27,10 +27,10 @@ Figures = dict[str, str]
 
 
 def stamp_error_ms(recording: Recording) -> Floats:
-    """Stamps of joint states minus the plant's own time of the same steps, ms.
+    """Return stamps of joint states minus the plant's true time of the same steps, ms [N].
 
-    The plant stamps foot forces with its true time and samples them at the steps of the joint
-    states, so that the nearest of them belongs to the same step while errors stay below 1.25 ms.
+    True times are the stamps of foot_force, sampled at the same steps; the nearest is taken, which
+    is right for errors below 1.25 ms.
     """
     stamps = recording.joint_states().stamp_ns
     truth = recording.foot_force().stamp_ns
@@ -41,7 +41,11 @@ def stamp_error_ms(recording: Recording) -> Floats:
 
 
 def walk(ros2: Runtime, seconds: float, policy: Sequence[str], model: str | None) -> Figures:
-    """Run the live system on a runtime, alone in a ROS domain; return a text for each figure."""
+    """Run the live system, alone in a ROS domain; return figures as text by name.
+
+    ros2: makes the command line of `ros2`. policy: arguments of the policy runner. model: to
+    estimate with, or None.
+    """
     with (
         tempfile.TemporaryDirectory(prefix='wattwalk') as name,
         runtimes.reserved() as domain,
@@ -83,7 +87,7 @@ def walk(ros2: Runtime, seconds: float, policy: Sequence[str], model: str | None
 
 
 def figures_of(recording: Recording) -> Figures:
-    """Return losses, rates and errors of the stamps of a recording."""
+    """Return losses, rates and stamp errors of a recording as text by name."""
     drives, states = recording.drive_supply(), recording.joint_states()
     steps = np.diff(drives.sequence.astype(np.int64))
     error = stamp_error_ms(recording)
@@ -99,7 +103,7 @@ def figures_of(recording: Recording) -> Figures:
 
 
 def main() -> int:
-    """Print the table, a column for each runtime."""
+    """Print a table with a column for each runtime; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     add = parser.add_argument
     add('--seconds', type=float, default=600.0)

@@ -32,7 +32,7 @@ def changed(**drives: float) -> Plant:
 
 
 def open_loop() -> Plant:
-    """Return the plant without its torque loop: what is published then acts on the rotor."""
+    """Return the plant without torque loop, with the published friction at the rotor."""
     plant = Plant.load(PLANT).with_effects(torque_loop=False)
     types = {
         kind: replace(d, viscous=d.output_viscous, output_viscous=0.0, output_inertia=0.0)
@@ -42,7 +42,7 @@ def open_loop() -> Plant:
 
 
 def plants() -> Mapping[str, Plant]:
-    """Return the plants of the rows, by what each changes."""
+    """Return the plant of each row of the table, by a name for its change."""
     plant = Plant.load(PLANT)
     return {
         'nothing': plant,
@@ -62,7 +62,7 @@ Walks = Mapping[tuple[str, str, int], dict[str, Any]]
 
 
 def measure(plant: Plant, policies: tuple[str, ...], seconds: float, seeds: list[int]) -> Walks:
-    """Return the entry of each walk on a plant, by policy, task and seed."""
+    """Simulate walks of `seconds` on a plant; return scores by (policy, task, seed)."""
     idle = idle_power(plant)
     return {
         (policy, task.name, seed): score_walk(
@@ -105,7 +105,7 @@ def row(name: str, found: Walks, policies: tuple[str, ...]) -> str:
 
 
 def walks(*entries: Mapping[str, Any]) -> bool:
-    """Return whether all walk as asked, within 0.15 m/s and rad/s, and none falls."""
+    """Return whether all scored walks track commands within 0.15 (m/s, rad/s), without falls."""
     return all(
         entry['power_w']
         and not entry['falls']

@@ -31,7 +31,10 @@ _WITHIN = {'copper_loss': ('winding_heating', 'saturation')}  # where the model 
 
 
 def cases(count: int, held_out: bool, seconds: float, first: int) -> Iterator[Case]:
-    """Yield recordings of three drives, so many of each family and motion; first: seed."""
+    """Yield cases of three drives and `seconds` each, `count` of each family and motion.
+
+    held_out: of families held out from development, else of the others. first: first seed.
+    """
     for name, family in FAMILIES.items():
         if family.developed is not held_out:
             for motion, seed in product(family.motions, range(count)):
@@ -42,7 +45,7 @@ Row = tuple[str, str, float, float, float, float]  # part, phase, truth, estimat
 
 
 def rows_of(found: Recorded, accounts: Accounts) -> list[Row]:
-    """Rows of all drives, with the truth beside the estimate."""
+    """Return rows (part, phase, truth, estimate, low, high), in W, of all drives together."""
     rows, (tallies,) = accounts.tallies()
     time = accounts.prepared.time - START_NS * 1e-9
     middles = (np.arange(len(found.parts)) + 0.5) / 50.0

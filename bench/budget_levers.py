@@ -57,10 +57,10 @@ CHANGES: Mapping[str, tuple[float, Callable[[Drive], Drive]]] = {
 def run(
     case: Case, plant: TruePlant, load: float = 1.0, like: Simulated | None = None
 ) -> Simulated:
-    """The plant at the joints' torque of another run, times a factor.
+    """Simulate a case on a plant, with the joints' torque of the run `like` times `load`.
 
-    The loop of an elastic drive leaves its joint torque short of what is asked by a share of the
-    friction. What is asked is therefore corrected until the joint torque is the other run's.
+    With springs, commanded torque is corrected in 6 iterations, since the joint torque differs
+    from it by a share of the friction.
     """
     made = simulate(case, plant, load)
     if like is None or not any(drive.stiffness > 0.0 for drive in plant.drives):
@@ -76,12 +76,12 @@ def run(
 
 
 def mean_w(made: Simulated) -> float:
-    """Mean power of all drives, W."""
+    """Return the mean of the sum of all drives' powers, W."""
     return float(made.power.mean(axis=0).sum())
 
 
 def changed(plant: TruePlant, lever: str) -> TruePlant:
-    """The plant with a lever's change."""
+    """Return the plant changed as CHANGES has it for a lever."""
     factor, change = CHANGES[lever]
     found = replace(plant, drives=tuple(change(drive) for drive in plant.drives))
     if lever == 'supply_voltage':

@@ -41,7 +41,7 @@ Estimated = tuple[IntervalEstimate, float, float, str]
 
 
 def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[PlantBlock]:
-    """Signals of the plant at the terminals of the meter, for any meter and analyser."""
+    """Simulate a motion of one drive and return its blocks, before any meter or analyser."""
     blocks: list[PlantBlock] = []
     played = MotionController(bench_motion(motion, frequency=frequency, seconds=seconds))
     run = OfflineRun(
@@ -58,13 +58,13 @@ def plant_blocks(motion: str, seconds: float, frequency: float | None = None) ->
 
 
 def latency(meter: MeterParameters) -> float:
-    """By how much the meter's samples of slow signals are late, s."""
+    """Return the delay of the meter's samples of slow signals, s."""
     keep = exp(-2.0 * pi * meter.bandwidth * STEP)
     return meter.delay + STEP * keep / (1.0 - keep)
 
 
 def bandwidth(meter: MeterParameters) -> float:
-    """At which a meter of steps is down by 3 dB: its filter, its delay, the mean of a step; Hz."""
+    """Return the −3 dB frequency of a meter, Hz, from its filter, delay and step averages."""
     keep = exp(-2.0 * pi * meter.bandwidth * STEP)
     part = (meter.delay / STEP - 0.5) % 1.0
     frequency = np.arange(1.0, 1000.0, 0.5)
@@ -77,7 +77,7 @@ def bandwidth(meter: MeterParameters) -> float:
 def trial(
     blocks: Sequence[PlantBlock], seed: int
 ) -> tuple[AnalyserComparison, dict[str, Estimated]]:
-    """One meter against one analyser: the comparison, and its estimates beside the truth."""
+    """Compare a random meter with a random analyser; return the result and `Estimated` by name."""
     random = np.random.default_rng([seed, 7])
     plant = Plant.load('anymal_c').unit(seed + 1)
     drift, shift, ours = (random.uniform(*ends) for ends in ((-80, 80), (-9000, 9000), (5, 30)))
@@ -142,7 +142,7 @@ def _recording(
 
 
 def main() -> None:
-    """Print the table."""
+    """Print a table of coverage and errors over all seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=20)
     parser.add_argument('--seconds', type=float, default=20.0)

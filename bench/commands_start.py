@@ -20,7 +20,7 @@ ARGUMENTS = ('--help', '--no-such-option')
 
 
 def entry_points() -> dict[tuple[str, str], tuple[str, str]]:
-    """Return module and function of each command, by package and name, as the setup.cfg say."""
+    """Return (module, function) of each command by (package, name), from all setup.cfg."""
     found = {}
     for file in sorted(SOURCES.glob('*/setup.cfg')):
         config = ConfigParser()
@@ -34,7 +34,7 @@ def entry_points() -> dict[tuple[str, str], tuple[str, str]]:
 
 
 def cpu_seconds(command: Sequence[str]) -> float:
-    """Run a command with its output discarded; return its user and system time."""
+    """Run a command with its output discarded; return its user plus system time, s."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     _, _, used = os.wait4(process.pid, 0)
     process.returncode = 0

@@ -40,7 +40,7 @@ _OTHER = 5000  # seed of the other recording
 
 
 def scenarios(seeds: Sequence[int]) -> list[tuple[str, str, str, int]]:
-    """Group, hidden effect or fault, motion and seed of all of them."""
+    """Return (`hidden` or `null`, hidden effect or fault, motion, seed) of each scenario."""
     out = []
     for seed in seeds:
         for name, hidden in HIDDEN.items():
@@ -53,7 +53,7 @@ def scenarios(seeds: Sequence[int]) -> list[tuple[str, str, str, int]]:
 
 
 def judge(group: str, name: str, motion: str, seed: int) -> dict[str, Any]:
-    """Simulate, discover and score one scenario."""
+    """Simulate one scenario, run discover and return the scores as a row of the file."""
     row: dict[str, Any] = {'group': group, 'name': name, 'motion': motion, 'seed': seed}
     hidden = name if group == 'hidden' else ''
     faults = Faults(**FAULTS[name]) if group == 'null' and name else None
@@ -75,7 +75,7 @@ def judge(group: str, name: str, motion: str, seed: int) -> dict[str, Any]:
 
 
 def told(discovery: Discovery) -> dict[str, Any]:
-    """The parts of a discovery that are scored."""
+    """Return the parts of a discovery that are scored, by name."""
     return {
         'kinds': [one.kind for one in discovery.found],
         'names': [one.name for one in discovery.found],
@@ -93,7 +93,7 @@ def told(discovery: Discovery) -> dict[str, Any]:
 
 
 def elsewhere(lab: Session, discovery: Discovery, other: AlignedDataset) -> dict[str, float]:
-    """W rms on the other recording, before and after what was written is added."""
+    """Return RMS errors in W on another recording, before and after adding written effects."""
     written = [one.written for one in discovery.found if one.written is not None]
     before = error(lab, other)
     if not written:
@@ -107,23 +107,23 @@ def elsewhere(lab: Session, discovery: Discovery, other: AlignedDataset) -> dict
 
 
 def error(lab: Session, other: AlignedDataset) -> float:
-    """W rms on another recording of the model fitted to one."""
+    """Return the RMS error in W, on another recording, of a session's model."""
     judge = Judge(Loaded.of(other), lab.judge.catalogue)
     return round(judge.score(lab.model).rms_w, 4)
 
 
 def right_kind(row: Mapping[str, Any]) -> bool:
-    """True if the first that was found is of a kind that describes the hidden effect."""
+    """Return whether the first effect found is of a kind that describes the hidden one."""
     return bool(row['kinds']) and row['kinds'][0] in HIDDEN[row['name']].kinds
 
 
 def halved(row: Mapping[str, Any]) -> bool:
-    """True if the error on the other recording fell to half or less."""
+    """Return whether the error on the other recording fell to half or less."""
     return bool(row['other_after_w'] <= 0.5 * row['other_before_w'])
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The goals of the issue, as reached."""
+    """Return, line by line, the goals of the benchmark with the figures reached."""
     good = [row for row in rows if 'error' not in row]
     hidden = [row for row in good if row['group'] == 'hidden']
     state = [row for row in hidden if HIDDEN[row['name']].in_state]
@@ -154,7 +154,7 @@ def _goal(name: str, count: int, of: int, goal: str) -> str:
 
 
 def table(rows: Iterable[Mapping[str, Any]]) -> Table:
-    """Table of the verdicts on each hidden effect."""
+    """Return a table of verdicts by hidden effect and motion."""
     columns = ('hidden', 'motion', 'runs', 'kind right', 'halved', 'said')
     made = Table(*columns, title='blind benchmark of discover')
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)

@@ -33,7 +33,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Change:
-    """Action of a hidden effect: N·m of friction, W at the input, a factor of the current."""
+    """Action of a hidden effect, each [T, 3]: friction N·m, input power W, current factor."""
 
     drag: Floats | float = 0.0
     watts: Floats | float = 0.0
@@ -50,7 +50,7 @@ class Hidden:
 
     @property
     def in_state(self) -> bool:
-        """True unless it lives in time alone."""
+        """True unless the effect depends on time alone."""
         return self.kinds != {'time'}
 
 
@@ -204,7 +204,7 @@ def recorded(
     seconds: float = 150.0,
     faults: Faults | None = None,
 ) -> AlignedDataset:
-    """Simulate and measure one recording of a unit; hidden: a key of HIDDEN, '' for nothing."""
+    """Simulate one recording of a unit; hidden: a key of HIDDEN, or ''; motion: walk, ladder."""
     run = np.random.default_rng([seed, 7])
     steps = int(seconds * RATE)
     q, w, tau = (_walk if motion == 'walk' else _ladder)(run, steps)

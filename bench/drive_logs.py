@@ -37,8 +37,8 @@ _BURST = 0.5  # s; half of what an effect shows in less than this is no motion t
 class DriveLog:
     """A log and what is known of its drives.
 
-    left_out: effects that surely exist, each of which is left out of a model in its turn.
-    impossible: effects that this log can't lack, whatever the model.
+    left_out: effects that surely exist; each is left out of the model in one question.
+    known: effects of the model. impossible: effects that cannot be missing in this log.
     """
 
     files: str  # glob below LOGS
@@ -96,7 +96,7 @@ DRIVE_LOGS: Mapping[str, DriveLog] = {
 
 
 def log_files(pattern: str) -> list[Path]:
-    """Return the files below LOGS; InputError where there is none."""
+    """Return the files below LOGS that match a glob pattern; InputError where there is none."""
     files = sorted(LOGS.glob(pattern))
     if not files:
         raise InputError(f'{LOGS / pattern} is absent; WATTWALK_REAL_DATA says where logs lie')
@@ -109,7 +109,10 @@ def log_map(name: str) -> ImportMap:
 
 
 def imported(pattern: str, mapping: str, folder: Path) -> list[Path]:
-    """Import logs into a folder, a recording from each; InputError where they are absent."""
+    """Import logs into a folder, one recording each; return their paths.
+
+    pattern: glob below LOGS. mapping: see `log_map`. InputError where they are absent.
+    """
     files, given = log_files(pattern), log_map(mapping)
     own = folder / Path(mapping).stem
     own.mkdir()
@@ -146,7 +149,7 @@ class OfLog:
 
     @cached_property
     def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
+        """Properties of the question for the file of results, as of `Question.about`."""
         data = read_log(self.log)
         hidden = [f'{self.added} {self.size:.0%}'] if self.added else []
         hidden += [f'{self.left_out} left out'] if self.left_out else []
@@ -161,7 +164,7 @@ class OfLog:
         }
 
     def seal(self) -> Sealed:
-        """Read the log and add what is hidden."""
+        """Read the log, add the hidden power and return it with the truth."""
         log, data = DRIVE_LOGS[self.log], read_log(self.log)
         known = tuple(name for name in log.known if name != self.left_out)
         impossible = set(log.impossible)
@@ -200,7 +203,10 @@ ADDED: Mapping[str, tuple[str, ...]] = {
 
 
 def added_power(name: str, data: AlignedDataset, size: float) -> Floats:
-    """W [T, D] of a hidden effect; blocked braking comes whole or half, not in a size."""
+    """Return the power of a hidden effect, W [T, D]; name: a key of ADDED.
+
+    size: RMS as a share of the metered power's; unused by blocked braking, which is whole or half.
+    """
     tau = data.torque.astype(np.float64)
     w = data.velocity.astype(np.float64)
     if name in ('blocked', 'half_blocked'):
@@ -279,7 +285,7 @@ def _model(data: AlignedDataset, place: int) -> Floats:
 
 
 def residual(values: Floats, model: Floats) -> tuple[Floats, Floats]:
-    """Return what the columns of a model leave of the finite values, and their coefficients."""
+    """Fit finite rows of values [T] by model [T, K]; return residuals and coefficients [K]."""
     known = np.isfinite(values) & np.isfinite(model).all(axis=1)
     solved = np.linalg.lstsq(model[known], values[known], rcond=None)[0]
     return values[known] - model[known] @ solved, solved
@@ -291,17 +297,17 @@ def is_whole(data: AlignedDataset) -> bool:
 
 
 def metered(data: AlignedDataset) -> Floats:
-    """Return the power of the meters, W [T, M]."""
+    """Return the metered power, W: of the drives [T, D] or of the whole robot [T, 1]."""
     return (data.supply[:, None] if is_whole(data) else data.power).astype(np.float64)
 
 
 def rms(power: Floats) -> float:
-    """W rms about the mean of each meter."""
+    """Return the RMS of power [T, M] about the mean of each meter, W."""
     return float(np.sqrt(np.nanmean(np.square(power - np.nanmean(power, axis=0)))))
 
 
 def with_power(data: AlignedDataset, more: Floats) -> AlignedDataset:
-    """Add power to what was metered, of each drive or of the whole robot."""
+    """Return the data with power `more`, W [T, D], added to that of the drives or the robot."""
     if is_whole(data):
         return replace(data, supply=(data.supply + more.sum(axis=1)).astype(np.float32))
     power = (data.power + more).astype(np.float32)
@@ -310,7 +316,7 @@ def with_power(data: AlignedDataset, more: Floats) -> AlignedDataset:
 
 
 def log_questions() -> tuple[list[OfLog], list[str]]:
-    """Questions of every log that is there, and why the others are not asked."""
+    """Return questions on all logs present, and the reasons why others are skipped."""
     questions, skipped = [], []
     for name, log in DRIVE_LOGS.items():
         try:

@@ -43,7 +43,7 @@ START = 1_700_000_000_000_000_000
 
 
 def network(hidden: int = HIDDEN) -> Checkpoint:
-    """Random networks for the three drive types of a leg."""
+    """Return random networks for the three drive types of a leg; hidden: units of the LSTM."""
     random = np.random.default_rng(0)
 
     def weights() -> Weights:
@@ -64,7 +64,7 @@ def row(label: str, reached: str, target: str, ratio: float | None = None) -> No
 
 
 def bench_training(epochs: int) -> None:
-    """One fold of 30 min of one drive type, on one thread."""
+    """Time the training of one fold of 30 min of one drive type, on one thread."""
     torch.set_num_threads(1)
     random = np.random.default_rng(1)
     samples = 30 * 60 * 200
@@ -93,7 +93,7 @@ def bench_training(epochs: int) -> None:
 
 
 def bench_arithmetic(checkpoint: Checkpoint) -> None:
-    """One step for twelve drives, and an estimate by each of the two forms."""
+    """Time one step for twelve drives, and an estimate by each of the two forms."""
     bank = PowerPredictionNetwork(checkpoint).stream(JOINTS)
     x = np.random.default_rng(2).normal(size=(12, 3)).astype(np.float32)
     costs = []
@@ -115,7 +115,7 @@ def bench_arithmetic(checkpoint: Checkpoint) -> None:
 
 
 def bench_batch() -> None:
-    """A policy step of 20 ms (four samples) of many robots with twelve drives each."""
+    """Time a policy step of 20 ms (four samples) of many robots with twelve drives each."""
     torch.set_num_threads(1)
     for hidden, sizes in ((32, (64, 512, 4096)), (HIDDEN, (64, 512))):
         model = PowerPredictionNetwork(network(hidden))
@@ -125,7 +125,7 @@ def bench_batch() -> None:
 
 
 def bench_long(spec: str, bags: list[Path]) -> None:
-    """State carried through all bags as if they were one: against 64 bit, and begun anew."""
+    """Compare the state carried through all bags with 64-bit arithmetic and with a restart."""
     model = load_model(spec)
     assert isinstance(model, PowerPredictionNetwork)
     given = recordings.training_set(bags)
@@ -165,7 +165,7 @@ def bench_stream(checkpoint: Checkpoint) -> None:
 
 
 def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
-    """The node as a process of its own: from the last joint state sent to the estimate heard."""
+    """Time the node in a separate process, from a joint state sent to its estimate received."""
     os.environ.setdefault('ROS_DOMAIN_ID', '93')
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder) / 'model.safetensors')

@@ -40,7 +40,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Everything that a judge says of a recording; what it is silent about has probability 0."""
+    """Everything that a judge says of a recording; effects not named have probability 0."""
 
     statements: tuple[Statement, ...] = ()
     intervals: tuple[Interval, ...] = ()
@@ -57,7 +57,7 @@ COEFFICIENTS = {
 
 
 def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
-    """Judge as `diagnose` does: probabilities of effects and scales, intervals at three levels."""
+    """Judge as `power_lab diagnose` does, intervals at LEVELS; known: effects of the base."""
     catalogue = builtin_catalogue()
     given = material(data, per='drive').at_most(MOST_SECONDS)
     prepared = given.prepared

@@ -84,7 +84,7 @@ class Scenario:
 
     @property
     def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
+        """Properties of the question for the file of results, as of `Question.about`."""
         return {
             'family': f'blind, {self.group}',
             'developed': True,
@@ -99,7 +99,7 @@ class Scenario:
         return ('shaft', *(name for name in BASES[self.base] if name not in self.hidden))
 
     def seal(self) -> Sealed:
-        """Simulate the scenario."""
+        """Simulate the scenario and return its recording with the truth."""
         data = self._record()
         missing = frozenset(name for name in self.hidden if name not in (*UNMODELLED, *CONSTANT))
         fault = FAULTS.get(self.fault, {})
@@ -139,7 +139,7 @@ class Scenario:
 
 
 def blind_questions(seed: int = 0) -> list[Scenario]:
-    """All questions of the blind benchmark, on the circuit and on the simulated robot."""
+    """Return all questions of the blind benchmark, on the circuit and the simulated robot."""
     return [*_circuit(seed), *_sim(seed)]
 
 

@@ -35,7 +35,7 @@ _LEVELS = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.92, 0.94, 0.96,
 
 @dataclass(frozen=True)
 class Recipe:
-    """Import and fit of a drive; its `drive.yaml` has the logs, and what is said of them."""
+    """Import and fit of a drive, whose `drive.yaml` names the logs."""
 
     map: str  # in log_maps
     effects: str
@@ -61,7 +61,7 @@ RECIPES: Mapping[str, Recipe] = {
 
 
 def make(name: str, folder: Path) -> Session:
-    """Fit a drive and write its folder."""
+    """Fit a drive of RECIPES, write its folder in `folder` and return the fitted session."""
     recipe = RECIPES[name]
     card: dict[str, Any] = read_yaml(FOLDER / name / 'drive.yaml', 'drive')
     with tempfile.TemporaryDirectory(prefix='wattwalk') as temporary:
@@ -97,7 +97,7 @@ def make(name: str, folder: Path) -> Session:
 
 
 def of_inverter(lab: Session, behind: Session) -> str:
-    """The model's loss of the inverter against that which was metered on its two sides."""
+    """Return a sentence on modelled and metered inverter loss; behind: metered at the motor."""
     data, model = lab.recordings.data, lab.effects
     own = tuple(one for one in model.structure.actives if one.name == 'inverter_loss')
     by_model = replace(model, structure=Structure(own)).predict(data)[:, 0]
@@ -110,7 +110,7 @@ def of_inverter(lab: Session, behind: Session) -> str:
 
 
 def envelope(lab: Session) -> list[list[float]]:
-    """Highest torque (99 %) in ranges of speed up to their ends, rad/s and N·m."""
+    """Return [end of a range of speed, rad/s; 99th percentile of torque in it, N·m] rows."""
     signals = lab.judge.prepared.signals
     speed, torque = np.abs(signals.velocity).ravel(), np.abs(signals.torque).ravel()
     ends = np.linspace(0.0, np.quantile(speed, 0.99), _SPEEDS + 1)[1:]
@@ -123,7 +123,7 @@ def envelope(lab: Session) -> list[list[float]]:
 
 
 def picture(lab: Session, side: str) -> Figure:
-    """Measured against model where it was held out, and the efficiency with measured points."""
+    """Draw held-out measured against modelled power, and efficiency; side: joint or motor."""
     prepared, judged = lab.judge.prepared, lab.score
     known = judged.rows.any(axis=1)
     measured = judged.measured[known]

@@ -30,7 +30,7 @@ WINDOWED = 64  # robots whose windows are timed; the cost is proportional to the
 
 
 class Variant:
-    """One way to train; the seconds of its rounds, of the wall's clock and of the CPU's."""
+    """One way to train, with the wall and CPU times of its rounds, s."""
 
     def __init__(self, name: str, power: PowerSource | None, config: TrainingConfig) -> None:
         self.name = name
@@ -40,14 +40,14 @@ class Variant:
         self.cpu: list[float] = []
 
     def round(self) -> None:
-        """Collect and learn once."""
+        """Run one round (collect and learn) and record its times."""
         wall, cpu = time.perf_counter(), time.process_time()
         self.learner.run(self.learner.iteration + 1, lambda done: None)
         self.wall.append(time.perf_counter() - wall)
         self.cpu.append(time.process_time() - cpu)
 
     def rate(self) -> float:
-        """Policy steps a second of the median round."""
+        """Return policy steps per second of wall time in the median round."""
         return self.steps / float(np.median(self.wall))
 
 
@@ -64,7 +64,7 @@ def seconds_of(call: Callable[[], object]) -> tuple[float, float]:
 
 
 def main() -> int:
-    """Print the table."""
+    """Print the table of costs; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--environments', type=int, default=512)
     parser.add_argument('--rounds', type=int, default=6)

@@ -48,7 +48,7 @@ _SIMILAR = 0.01  # of scales that are the same unit
 
 
 def edited(guess: ImportMap, used: ImportMap) -> int:
-    """Count the entries of the used map that the guess has otherwise, of the most alike drive."""
+    """Count entries in which a guessed map differs from the used one, in the closest drive."""
     (drive, *_) = used.drives.values()
     lines = min(_differences(other, drive) for other in guess.drives.values())
     return lines + (guess.time != used.time and _time(guess) != _time(used))
@@ -90,7 +90,7 @@ def _size(quantity: str, signal: Signal) -> float:
 
 
 def expert(data: AlignedDataset) -> str:
-    """A plain regression of the power, in sample."""
+    """Return the in-sample R² (and slope a) of a plain regression of each metered power."""
     whole = is_whole(data)
     told = []
     for place, power in enumerate(metered(data).T):
@@ -110,7 +110,7 @@ def _columns(data: AlignedDataset, place: int) -> Floats:
 
 
 def row(name: str, log: DriveLog) -> str:
-    """The table's row of a log; InputError where it is absent or cannot be read."""
+    """Return a log's row of the table; InputError where it is absent or cannot be read."""
     began = time.monotonic()
     used, source = log_map(log.map), open_source(log_files(log.files)[0], None)
     with tempfile.TemporaryDirectory(prefix='wattwalk') as folder:
@@ -126,7 +126,7 @@ def row(name: str, log: DriveLog) -> str:
 
 
 def judged(bags: list[Path], log: DriveLog) -> list[str]:
-    """R², the expert's regression and the verdict."""
+    """Return cells: held-out R², the expert's regression and the verdict."""
     try:
         lab = Session.open(*bags)
         slow = ''

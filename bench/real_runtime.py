@@ -50,10 +50,10 @@ def _joints() -> Any:
 
 
 class LoadSource(Node):
-    """Publishes at the rates of the live system, the running number in the frame_id.
+    """Publishes at the rates of the live system, with a running number in the frame_id.
 
-    It catches up with what is due, however late it is called. seconds: after the warm-up, once
-    both topics have a subscription; None: from the start on, without end.
+    Late calls catch up. seconds: duration after the warm-up, which begins once both topics have a
+    subscription; None: from the start on, without end.
     """
 
     def __init__(self, seconds: float | None = None) -> None:
@@ -74,7 +74,7 @@ class LoadSource(Node):
         self.create_timer(0.001, self.tick, clock=steady)
 
     def tick(self) -> None:
-        """Publish what is due."""
+        """Publish the messages that are due."""
         publishers = self._publishers_by_topic
         heard = self._endless or all(p.get_subscription_count() for p in publishers.values())
         if not heard:
@@ -107,7 +107,7 @@ class LoadSource(Node):
         self.costs[name].append((time.perf_counter() - start) * 1e6)
 
     def figures(self) -> dict[str, float]:
-        """Medians of the cost of publish [µs], share of a core, messages sent."""
+        """Return by name: median cost of publish [µs], share of a core, messages sent."""
         share = (time.process_time() - self.cpu) / (time.monotonic() - self.wall)
         sent = {f'{name} sent': float(len(costs)) for name, costs in self.costs.items()}
         costs = {
@@ -118,7 +118,7 @@ class LoadSource(Node):
 
 
 class LoadSink(Node):
-    """Notes age and number of each message until none has come for two seconds."""
+    """Records age and number of each message until none has come for two seconds."""
 
     def __init__(self) -> None:
         super().__init__('sink', start_parameter_services=False)
@@ -133,7 +133,7 @@ class LoadSink(Node):
         self.create_timer(0.5, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def take(self, name: str, message: Any) -> None:
-        """Note a message."""
+        """Record age and number of a message of topic `name`."""
         now = time.time_ns()
         stamp = message.header.stamp
         self.ages[name].append((now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e3)
@@ -152,7 +152,7 @@ class LoadSink(Node):
             self.done.set_result(None)
 
     def figures(self) -> dict[str, float]:
-        """Latencies [µs], share of a core, messages received in order without a gap."""
+        """Return by name: latencies [µs], share of a core, messages (0 unless all in order)."""
         result = {'sink cpu': self.used}
         for name, ages in self.ages.items():
             steady = sorted(ages[int(WARM_UP * RATES[name]) :])

@@ -72,7 +72,7 @@ def covered(rows: Iterable[Row]) -> Iterator[tuple[Row, str, float, bool]]:
 
 
 def reliability(rows: Sequence[Row]) -> Table:
-    """Share of true statements by the probability that they were given."""
+    """Return a table of the share of true statements, by their stated probability."""
     table = Table('said', *(name for name, _ in COLUMNS), title='true, of what was said')
     statements = list(said(rows))
     for low, high in BINS:
@@ -89,7 +89,7 @@ def reliability(rows: Sequence[Row]) -> Table:
 
 
 def coverage(rows: Sequence[Row]) -> Table:
-    """Share of intervals that hold the truth, by coefficient and level."""
+    """Return a table of the share of intervals that hold the truth, by coefficient and level."""
     table = Table('coefficient', 'level', *(name for name, _ in COLUMNS), title='intervals')
     intervals = list(covered(rows))
     for name in sorted({name for _, name, _, _ in intervals}):
@@ -107,7 +107,10 @@ def coverage(rows: Sequence[Row]) -> Table:
 
 
 def by(rows: Sequence[Row], title: str, of: Callable[[Row], object]) -> Table:
-    """Figures by a property: wrong of certain statements, coverage of 95 %, found, silent."""
+    """Return a table by a property of rows: errors at ≥ 95 %, coverage, detections, nulls.
+
+    of: returns the property's value of a row; title: its name.
+    """
     columns = ('wrong at ≥ 95 %', '95 % intervals hold', 'found at ≥ 95 %', 'nulls left alone')
     table = Table(title, 'recordings', *columns, title=f'by {title}')
     for value in sorted({of(row) for row in rows}, key=_order):
@@ -130,7 +133,7 @@ MEASUREMENT = ('torque_scale', 'power_gain', 'current_offset', 'torque_bias')
 
 
 def measurement(rows: Sequence[Row]) -> Table:
-    """Share of recordings in which an error of the measurement is named, off or not."""
+    """Return a table of how often measurement errors are named, where present and where not."""
     columns = ('named at ≥ 95 % where it is off', 'at ≥ 50 %', 'named where it is not')
     table = Table('error', *columns, title='errors of the measurement')
     for name in MEASUREMENT:
@@ -145,7 +148,7 @@ def measurement(rows: Sequence[Row]) -> Table:
 
 
 def beside_hidden(rows: Sequence[Row]) -> Table:
-    """Names in logs in which something is hidden, less those of the log as it is."""
+    """Return a table of effects named in logs with hidden power, but not in the log as it is."""
     title = 'names in logs that the log as it is does not have'
     table = Table('log', 'of what was hidden', 'of anything else', title=title)
     as_it_is = {
@@ -189,7 +192,7 @@ def _left_alone(rows: Iterable[Row]) -> Iterator[bool]:
 
 
 def tables(rows: Sequence[Row]) -> list[Table]:
-    """All tables of the benchmark."""
+    """Return all tables of the benchmark; rows with an error are left out."""
     good = [row for row in rows if 'error' not in row]
     return [
         reliability(good),
@@ -211,14 +214,14 @@ SOURCES = ('plants', 'robot', 'logs', 'blind')
 
 @dataclass(frozen=True)
 class Examination:
-    """A question and who is asked."""
+    """A question, and the judge (`module:function`) that answers it."""
 
     question: Question
     judge: str
 
 
 def answer(asked: Examination) -> dict[str, Any]:
-    """Make the recording, ask the judge and write down what it said and what is true."""
+    """Make the recording, ask the judge and return its statements with the truth as a row."""
     row = {'key': asked.question.key, **asked.question.about}
     try:
         sealed = asked.question.seal()
@@ -247,7 +250,7 @@ def answer(asked: Examination) -> dict[str, Any]:
 
 
 def version(judge: str) -> str:
-    """Hash of the sources that decide, and of the truths."""
+    """Return a hash of the sources of judge, lab, simulation and truths."""
     digest = hashlib.sha256(judge.encode())
     module = import_module(judge.partition(':')[0])
     folders = [HERE / 'truths', HERE.parent / 'src' / 'power_estimator']
@@ -260,7 +263,7 @@ def version(judge: str) -> str:
 
 
 def questions(options: argparse.Namespace) -> list[Question]:
-    """Questions that the options ask for, in random order."""
+    """Return the questions that the options select, in random order."""
     every: list[Question] = []
     if 'plants' in options.sources:
         every += plant_questions(

@@ -35,8 +35,9 @@ REAL = (
 class Sealed:
     """A recording with its truth.
 
-    missing: names that are true to say; None where nobody knows. impossible: names that physics
-    rules out whatever else is missing. watts: rms that each hidden effect changes the power by.
+    known: effects of the base model. missing: effects that it lacks. impossible: effects that
+    physics rules out. coefficients: true values by drive and name. watts: RMS change of power by
+    each hidden effect.
     """
 
     data: AlignedDataset
@@ -60,7 +61,7 @@ class Question(Protocol):
         """Family, developed, motion, seconds, drives and hidden, for the file of results."""
 
     def seal(self) -> Sealed:
-        """Make the recording."""
+        """Make the recording and return it with its truth."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class OfPlant:
 
     @cached_property
     def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
+        """Properties of the question for the file of results, as of `Question.about`."""
         case = self.case
         return {
             'family': case.family,
@@ -88,7 +89,7 @@ class OfPlant:
         }
 
     def seal(self) -> Sealed:
-        """Make the recording."""
+        """Make the recording and return it with its truth."""
         found = record(self.case)
         drives = found.plant.drives
         off = {
@@ -114,7 +115,7 @@ class OfPlant:
 
 @dataclass(frozen=True)
 class OfRobot:
-    """A question about a walk of the shipped robot's leg, of whose effects one may be unknown."""
+    """A question about a walk of the shipped robot, whose model may lack one effect (`hidden`)."""
 
     seconds: float
     seed: int
@@ -129,7 +130,7 @@ class OfRobot:
 
     @property
     def about(self) -> Mapping[str, object]:
-        """Family, motion, length and so on."""
+        """Properties of the question for the file of results, as of `Question.about`."""
         return {
             'family': 'anymal_c, real drives' if self.real else 'anymal_c',
             'developed': not self.real,
@@ -193,10 +194,10 @@ def plant_questions(
     drives: int | None = None,
     nulls: bool = False,
 ) -> list[OfPlant]:
-    """Draw so many questions of each family: a fair sample of motions, drives and effects.
+    """Draw `count` questions of each family, with random motions, drives and effects.
 
-    Two in five hide nothing, two in five one effect of the catalogue, one in ten two of them, one
-    in ten an effect that no catalogue has, half of these beside one that it has.
+    Two in five hide nothing, two in five one effect of the catalogue, one in ten two of them. One
+    in ten hide an effect that no catalogue has, half of these beside one that it has.
     """
     out = []
     for name in families:

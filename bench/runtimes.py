@@ -16,7 +16,7 @@ BUILT = Path(__file__).resolve().parents[1] / '.ros' / 'setup.sh'
 
 
 def missing(environment: Mapping[str, str] = os.environ) -> str:
-    """Reason why the two runtimes cannot be run together; empty if they can."""
+    """Return the reason why the two runtimes cannot be run together; '' if they can."""
     if find_spec('rosidl_embedded') is None:
         return 'this Python has no embedded runtime: run it from .venv, without ROS 2 sourced'
     setup = environment.get(VARIABLE)
@@ -28,22 +28,22 @@ def missing(environment: Mapping[str, str] = os.environ) -> str:
 
 
 def embedded(*arguments: str | Path) -> list[str]:
-    """The command that runs Python with arguments on the embedded runtime."""
+    """Return the command that runs Python with arguments on the embedded runtime."""
     return [sys.executable, *map(str, arguments)]
 
 
 def embedded_ros2(*arguments: str) -> list[str]:
-    """The command that runs the embedded `ros2`."""
+    """Return the command that runs the embedded `ros2` with arguments."""
     return [str(Path(sys.executable).with_name('ros2')), *arguments]
 
 
 def real(*arguments: str | Path) -> list[str]:
-    """The command that runs Python with arguments on ROS 2."""
+    """Return the command that runs Python with arguments on ROS 2."""
     return _sourced('python', *arguments)
 
 
 def real_ros2(*arguments: str) -> list[str]:
-    """The command that runs the `ros2` of ROS 2."""
+    """Return the command that runs the `ros2` of ROS 2 with arguments."""
     return _sourced('ros2', *arguments)
 
 
@@ -57,7 +57,7 @@ DOMAINS = range(1, 101)
 
 
 class NoDomainError(Exception):
-    """Every domain is taken."""
+    """Raised when every ROS domain is taken."""
 
 
 def _is_quiet(domain: int) -> bool:
@@ -72,10 +72,10 @@ def _is_quiet(domain: int) -> bool:
 
 @contextmanager
 def reserved() -> Iterator[int]:
-    """Keep a ROS_DOMAIN_ID between 1 and 100 from others while the context lasts.
+    """Reserve and yield a free ROS_DOMAIN_ID, 1 to 100, for the duration of the context.
 
-    A lock on a file in the temporary folder keeps it from whoever else asks here at the same
-    time, in other processes or other checkouts. Raises NoDomainError where all are taken.
+    It is locked by a file in the temporary folder, against other processes and checkouts that use
+    this function. Raises NoDomainError where all are taken.
     """
     start = os.getpid()
     for step in range(len(DOMAINS)):

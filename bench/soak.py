@@ -44,17 +44,17 @@ _LEFT = 300_000  # bytes that are left for the recording
 
 
 class SoakError(Exception):
-    """The soak itself does not work."""
+    """Raised when the soak itself does not work."""
 
 
 def until(condition: Callable[[], object], what: str) -> None:
-    """Wait for a condition; SoakError where it never comes."""
+    """Wait up to 120 s for a condition; SoakError, which names `what`, at timeout."""
     if not wait_until(condition, PATIENCE):
         raise SoakError(f'{what} never came')
 
 
 class Diagnostics:
-    """The newest figures of each part of each node."""
+    """The newest figures of each part of each node, from the topic diagnostics."""
 
     def __init__(self) -> None:
         self.figures: dict[str, dict[str, str]] = {}
@@ -77,20 +77,23 @@ class Diagnostics:
             self.heard[status.name] = self.heard.get(status.name, 0) + 1
 
     def fresh(self, name: str) -> dict[str, str]:
-        """Figures that were said from now on."""
+        """Wait for diagnostics of a part, published after this call, and return its figures."""
         before = self.heard.get(name, 0)
         until(lambda: self.heard.get(name, 0) >= before + 2, f'diagnostics of {name}')
         return self.figures[name]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Shut down the node and its ROS context."""
         self._executor.shutdown()
         rclpy.shutdown(context=self._context)
 
 
 @dataclass
 class Take:
-    """One recording: its process, and how much had been measured when it was ready and ended."""
+    """One recording: its process, and counts of measured samples at its begin and end.
+
+    how: stopped, killed or disk full.
+    """
 
     path: Path
     process: ChildProcess
@@ -104,13 +107,13 @@ def _memory_mb(process: ChildProcess) -> float:
 
 
 def fill_disk(take: Take) -> None:
-    """Let the file of a recording that is under way grow by little more, as on a full disk."""
+    """Limit the file size of a running recording to 300 kB more, as on a full disk."""
     size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
     resource.prlimit(take.process.pid, resource.RLIMIT_FSIZE, (size, size))
 
 
 class System:
-    """Devices, nodes and the recorder of the moment."""
+    """Simulated devices, the nodes under test and their recordings."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -136,7 +139,7 @@ class System:
         return ChildProcess(command, self.folder / f'{name}.log')
 
     def measured(self) -> dict[str, int]:
-        """Samples by stream that the devices have measured by now."""
+        """Return the number of samples by stream that the devices have measured so far."""
         return {**self.drives.marks(), 'supply': self.supply.measured}
 
     def record(self) -> None:
@@ -149,7 +152,7 @@ class System:
         self.takes.append(Take(path, process, now, now))
 
     def stop_recording(self, how: str = 'stopped') -> None:
-        """End the recorder: in good order, killed, or by waiting until its disk is full."""
+        """End the recorder; how: stopped (by SIGINT), killed, or disk full (waits for its end)."""
         take = self.takes[-1]
         take.how = how
         if how == 'disk full':
@@ -165,12 +168,12 @@ class System:
         return all(node.count_publishers(t) and node.count_subscribers(t) for t in streams)
 
     def mark(self) -> None:
-        """Count processor time and memory from now on."""
+        """Start the measurement of CPU time and memory that `usage` returns."""
         now = time.monotonic()
         self.used = {n: (now, p.cpu_seconds(), _memory_mb(p)) for n, p in self.nodes.items()}
 
     def usage(self) -> dict[str, dict[str, float]]:
-        """Share of a core and growth of memory (MB) of each node since the mark."""
+        """Return CPU in % of a core, memory and its growth in MB since `mark`, by node."""
         now = time.monotonic()
         return {
             name: {
@@ -182,7 +185,7 @@ class System:
         }
 
     def close(self) -> None:
-        """End all."""
+        """End all processes and devices."""
         for process in [*(take.process for take in self.takes), *self.nodes.values()]:
             if process.running:
                 process.end(PATIENCE)
@@ -197,9 +200,9 @@ _SETTLE = 2.0  # s after discovery
 
 
 class Soak:
-    """Runs the cycles and remembers what was done when.
+    """Runs the cycles of faults and keeps a list of what was done when.
 
-    What an action takes, such as the start of a recorder, comes on top of the seconds.
+    seconds: in all, without the time that actions take, such as the start of a recorder.
     """
 
     def __init__(self, folder: Path, seconds: float) -> None:
@@ -209,7 +212,7 @@ class Soak:
         self.checks: list[Check] = []
 
     def run(self, advance: Callable[[float], None]) -> None:
-        """Do it all; advance is told the s that have passed."""
+        """Run all cycles; advance: is called with the s that have passed. May raise SoakError."""
         system = self.system
         system.record()
         listens = system.drives.wait_for_listener(120.0)
@@ -273,7 +276,7 @@ class Soak:
         self.checks.append(Check(name, messages(take.path), told))
 
     def accounts(self) -> list[Account]:
-        """Account of every sample; the nodes have to run yet."""
+        """Return the account of each stream; call it while the nodes still run."""
         system = self.system
         daq = system.diagnostics.fresh('power_daq: bus')
         until(lambda: system.diagnostics.fresh('power_daq: bus')['samples waiting'] == '0', 'calm')
@@ -301,7 +304,7 @@ class Soak:
 
 
 def run(seconds: float, folder: Path, output: Path | None, console: Console) -> bool:
-    """Run a soak, print and write its account; whether all sums close."""
+    """Run a soak, print and write its account; return whether all sums close."""
     with runtimes.reserved() as domain, Progress(console=console) as progress:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         task = progress.add_task(f'soak of {seconds:.0f} s', total=seconds)
@@ -343,7 +346,7 @@ def run(seconds: float, folder: Path, output: Path | None, console: Console) -> 
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run it; 1 if a sum does not close."""
+    """Run a soak; return 1 if a sum does not close, else 0."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -32,9 +32,8 @@ _MOST = {
 class BagRows:
     """Rows of a stream in one bag, in the order of the file.
 
-    begun and ended: samples that had been measured when its recorder was ready, and when it was
-    told to end or could not go on. kept: rows that a reader gives out, the others having stamps
-    that run backwards.
+    begun, ended: samples measured before its recorder was ready, and before its end was requested
+    or forced. kept: rows that a reader returns, without those whose stamps run backwards.
     """
 
     name: str
@@ -51,7 +50,10 @@ class BagRows:
 
 @dataclass(frozen=True)
 class Counters:
-    """Counters of the node: complete samples, lost by its counters, not trusted, no room, out."""
+    """Sample counters of the node.
+
+    unsettled: samples without trusted stamps; dropped: those for which there was no room.
+    """
 
     received: int
     lost: int
@@ -62,7 +64,7 @@ class Counters:
 
 @dataclass(frozen=True)
 class Check:
-    """Two ways to the same number; or with at_most, a number and the most that it may be."""
+    """Comparison of two numbers that must be equal; with at_most, `other` is an upper limit."""
 
     name: str
     one: int
@@ -71,13 +73,16 @@ class Check:
 
     @property
     def closes(self) -> bool:
-        """True if they agree."""
+        """True if the comparison holds."""
         return self.one <= self.other if self.at_most else self.one == self.other
 
 
 @dataclass
 class Account:
-    """Rows of samples by what became of them, and the checks."""
+    """Number of missing samples by reason (`rows`), and checks.
+
+    recorded: samples in bags; left_out: of these, those that a reader leaves out.
+    """
 
     stream: str
     measured: int
@@ -88,7 +93,7 @@ class Account:
 
     @property
     def unaccounted(self) -> int:
-        """Samples that are missing without a reason.
+        """Number of samples that are missing without a reason.
 
         What is missing inside bags beyond what nodes counted: lost in DDS, or by the recorder.
         """
@@ -100,7 +105,7 @@ class Account:
         return all(check.closes for check in self.checks)
 
     def content(self) -> dict[str, object]:
-        """For a file."""
+        """Return the account as a mapping for a JSON file."""
         checks = [{**asdict(check), 'closes': check.closes} for check in self.checks]
         return {
             'measured': self.measured,
@@ -120,7 +125,7 @@ def account(
     counters: Counters,
     bags: Sequence[BagRows],
 ) -> Account:
-    """The account of a stream of the DAQ.
+    """Return the account of a stream of the DAQ.
 
     times: when each sample was measured, s on a steady clock. withheld: numbers of samples that
     never went on the wire, by reason.
@@ -164,11 +169,10 @@ def account(
 def supply_account(
     times: Sequence[float], readings: int, excuses: int, bags: Sequence[BagRows]
 ) -> Account:
-    """The account of the bench supply: questions that it answered.
+    """Return the account of the bench supply, whose samples are answers to queries.
 
-    times: when it answered each, s on a steady clock. readings: answers that the node
-    counted. excuses: connections lost and answers that were none, each of which may have cost one
-    answer.
+    times: of the answers, s on a steady clock. readings: answers that the node counted. excuses:
+    lost connections and invalid answers, each of which may have cost one answer.
     """
     measured = len(times)
     found = Account('supply', measured)
@@ -308,7 +312,7 @@ def _by_recorder(bags: Sequence[BagRows]) -> list[Check]:
 
 
 def markdown(accounts: Sequence[Account]) -> str:
-    """All accounts as one table, and the checks as another."""
+    """Return Markdown with a table of all accounts and a table of the checks."""
     reasons = list(dict.fromkeys(why for found in accounts for why in found.rows))
     head = '| samples | ' + ' | '.join(found.stream for found in accounts) + ' |'
     lines = [head, '|---|' + '---:|' * len(accounts)]

@@ -32,32 +32,32 @@ _CHUNK = 0.05  # s between looks at whether to stop
 
 
 def numbered(number: int, count: int, unit: float) -> Floats:
-    """Values of count drives, [count], of which the first four hold a number."""
+    """Encode a number in values [count] of drives, as base-100 digits · unit in the first four."""
     values = np.zeros(count)
     values[:_DIGITS] = [number // 100**k % 100 for k in range(_DIGITS)]
     return unit * values
 
 
 def numbers(values: Singles, unit: float) -> NDArray[np.int64]:
-    """The numbers that rows of values hold, [N]; -1 where they hold none."""
+    """Decode the numbers [N] that `numbered` put into values [N, D]; −1 where there is none."""
     counts = np.rint(np.asarray(values[:, :_DIGITS], np.float64) / unit).astype(np.int64)
     whole = (counts >= 0).all(axis=1) & (counts < 100).all(axis=1)
     return np.where(whole, counts @ (100 ** np.arange(_DIGITS)), -1)
 
 
 def position_numbers(values: Singles) -> NDArray[np.int64]:
-    """Numbers of joint samples from positions, rad [N, D]."""
+    """Return the numbers [N] of joint samples from positions, rad [N, D]."""
     return numbers(values, _POSITION)
 
 
 def current_numbers(values: Singles) -> NDArray[np.int64]:
-    """Numbers of electrical samples from currents, A [N, D]."""
+    """Return the numbers [N] of electrical samples from currents, A [N, D]."""
     return numbers(values, _CURRENT)
 
 
 @dataclass
 class Kept:
-    """Numbers of samples of a group that were measured, and why some never went on the wire."""
+    """Samples measured in a stream: their times, and numbers of those not sent, by reason."""
 
     times: list[float] = field(default_factory=list)  # s, steady
     withheld: dict[str, list[int]] = field(default_factory=dict)
@@ -93,11 +93,11 @@ class SoakDrives:
         self._thread.start()
 
     def switch(self, on: bool) -> None:
-        """Switch the bus, from the next millisecond on."""
+        """Switch the bus on or off, from the next millisecond on."""
         self._wanted = on
 
     def wait_for_listener(self, seconds: float) -> bool:
-        """Serve the bus without sending until somebody listens; before `start` only."""
+        """Wait up to `seconds`, before `start`, for a client; return whether one came."""
         end = time.monotonic() + seconds
         while self._bus is not None and time.monotonic() < end:
             with suppress(can.CanError):
@@ -107,7 +107,7 @@ class SoakDrives:
         return False
 
     def stop(self) -> None:
-        """End; the bus stays up, so that nothing that was sent is lost by it."""
+        """Stop measuring; the bus stays up, so that nothing sent is lost."""
         self._stop.set()
         self._thread.join()
 
@@ -117,7 +117,7 @@ class SoakDrives:
             self._bus.shutdown()
 
     def marks(self) -> dict[str, int]:
-        """Number of samples of each group measured so far."""
+        """Return the number of samples measured so far, by stream (electrical, joints)."""
         return {name: kept.measured for name, kept in self.kept.items()}
 
     def _run(self) -> None:
@@ -191,13 +191,13 @@ class SoakSupply:
         return len(self.times)
 
     def plug(self) -> None:
-        """Power it on."""
+        """Power the supply on."""
         state = SupplyState(lambda: Terminals(48.0, 1.0))
         self._instrument = ScpiInstrument(state, port=self.port, send=self._answer)
         self.port = self._instrument.port
 
     def unplug(self) -> None:
-        """Power it off."""
+        """Power the supply off."""
         if self._instrument is not None:
             self._instrument.close()
             self._instrument = None
@@ -212,7 +212,7 @@ class SoakSupply:
 
 
 def supply_numbers(voltage: Singles, current: Singles) -> NDArray[np.int64]:
-    """Numbers of the supply's measurements from V and A (negative while drawn from) [N]."""
+    """Return the numbers [N] of supply samples from V [N] and A [N] (negative if drawn)."""
     volts = np.rint((np.asarray(voltage, np.float64) - 40.0) / 0.01).astype(np.int64)
     amperes = np.rint(-np.asarray(current, np.float64) / 0.01).astype(np.int64)
     return volts * _AMPERES + amperes
@@ -226,9 +226,10 @@ _LOST = r'drive_supply lost (\d+) samples'
 def rows(
     path: Path, begun: dict[str, int], ended: dict[str, int], how: str, said: str
 ) -> dict[str, BagRows]:
-    """A bag by stream; a stream that it lacks is empty.
+    """Return the rows of a bag by stream; those of an absent stream are empty.
 
-    begun and ended: counts of the devices by stream; said: what the recorder wrote at its end.
+    begun, ended: counts of the devices by stream; how: as of `BagRows`; said: the recorder's
+    output.
     """
     raw = _raw(path)
     kept = _kept(path)
@@ -253,7 +254,7 @@ def rows(
 
 
 def messages(path: Path) -> int:
-    """All messages in a bag."""
+    """Return the number of messages in a bag."""
     return sum(len(batch.offsets) for batch in bag_folder.find(path).batches([], {}))
 
 
@@ -296,14 +297,14 @@ def _kept(path: Path) -> dict[str, int]:
 
 
 def told_came(said: str, topic: str) -> int | None:
-    """Samples of a topic that a recorder said came; None where it did not."""
+    """Return how many samples of a topic came by the recorder's output; None if not stated."""
     words = _CAME if topic == 'drive_supply' else rf'^/?{topic} +(\d+) messages'
     found = re.search(words, said, re.MULTILINE)
     return int(found[1]) if found else None
 
 
 def told_lost(said: str) -> int | None:
-    """Samples of drive_supply that a recorder said were lost; None where it did not."""
+    """Return lost samples of drive_supply by the recorder's output; None if not stated."""
     if re.search(_CAME, said) is None:
         return None
     found = re.search(_LOST, said)

@@ -52,7 +52,7 @@ def cpu_seconds(call: Callable[[], object]) -> float:
 
 
 def rigid_body_ratio(seconds: float) -> float:
-    """CPU time of a walk into memory over that of the rigid bodies' steps alone."""
+    """Return the CPU time of a simulated walk over that of its rigid-body steps alone."""
     run = walking_run(Plant.load('anymal_c'), duration=seconds, seed=1)
     step, stepping = mujoco.mj_step, 0.0
 
@@ -68,7 +68,7 @@ def rigid_body_ratio(seconds: float) -> float:
 
 
 def live_share(seconds: float) -> float:
-    """Share of a core that plant, instruments and frames take in blocks of the live node."""
+    """Return the share of a core that plant, instruments and bus frames take in real time."""
     simulation = Simulation(Plant.load('anymal_c'), walking_world())
     instruments = Instruments(simulation, 0)
     encoder = FrameEncoder(BusDescription.load(), simulation.joints, instruments.clock)
@@ -83,7 +83,7 @@ def live_share(seconds: float) -> float:
 
 
 def simulated(folder: Path, seconds: float) -> Iterator[Row]:
-    """Rows of walks with all drives and pushes into bags and memory, and in real time."""
+    """Yield rows on simulated walks to bags, to memory and in real time."""
     for terrain in ('flat', 'rough'):
         options = {'duration': seconds, 'seed': 1, 'terrain': terrain, 'pushes': True}
         path = folder / terrain
@@ -102,7 +102,7 @@ def simulated(folder: Path, seconds: float) -> Iterator[Row]:
 
 
 def aligned(folder: Path, seconds: float) -> Iterator[Row]:
-    """Rows of a walk from bag to dataset."""
+    """Yield rows on the alignment of a walk, from bag to dataset."""
     path = run_offline(folder / 'walk', duration=seconds, seed=0)
     load_aligned([path])
     for rate, smooth in ((200.0, True), (200.0, False), (50.0, False)):
@@ -127,7 +127,7 @@ def _signals(rng: np.random.Generator, first: int) -> Floats:
 
 
 def make_csv(path: Path, size: int) -> str:
-    """Write a table of at least `size` bytes and return its map."""
+    """Write a CSV table of at least `size` bytes and return its import map as YAML."""
     rng = np.random.default_rng(0)
     names = ('pos', 'vel', 'torque', 'volt', 'amp')
     row = '%.3f,' + ','.join(['%.6f'] * (5 * DRIVES)) + '\n'
@@ -151,7 +151,7 @@ drives:
 
 
 def make_bag(path: Path, size: int) -> str:
-    """Write a recording of at least `size` bytes of messages and return a map of it."""
+    """Write a bag of at least `size` bytes of messages and return its import map as YAML."""
     rng = np.random.default_rng(0)
     names = tuple(f'D{i}' for i in range(DRIVES))
     with BagWriter(path, flush_period=10.0) as bag:
@@ -192,7 +192,7 @@ drives:
 
 
 def imported(folder: Path, megabytes: float) -> Iterator[Row]:
-    """Rows of a table and a bag that a process of its own imports."""
+    """Yield rows on the import of a table and of a bag, each by a separate process."""
     code = 'from power_recordings.commands.arguments import import_logs as run; exit(run())'
     mapping = folder / 'map.yaml'
     every_core = {name: own for name, own in os.environ.items() if name != 'OMP_NUM_THREADS'}

@@ -29,7 +29,7 @@ class ClockFile:
 
     @property
     def offset(self) -> int:
-        """Of the clock that is shown from the machine's, ns."""
+        """Shown time minus the machine's time, ns."""
         return int(_OFFSET.unpack_from(self._map)[0])
 
     def step(self, seconds: float) -> None:
@@ -37,7 +37,7 @@ class ClockFile:
         _OFFSET.pack_into(self._map, 0, self.offset + round(1e9 * seconds))
 
     def install(self) -> None:
-        """Let `time.time` and `time.time_ns` of this process show it from now on."""
+        """Replace `time.time` and `time.time_ns` of this process by the stepped clock."""
         time.time_ns = lambda: _time_ns() + self.offset  # type: ignore[assignment]
         time.time = lambda: 1e-9 * (_time_ns() + self.offset)  # type: ignore[assignment]
 

@@ -78,7 +78,7 @@ class Plan:
         return f'leg_{self.robot} {self.drive}' if self.robots > 1 else self.drive
 
     def share(self, index: int) -> float:
-        """Share of the change in a recording."""
+        """Return the share, 0 to 1, of the change in the recording of an index."""
         if self.kind == 'quiet':
             return 0.0
         if self.course == 'step':
@@ -109,7 +109,7 @@ def plan(seed: int, count: int) -> Plan:
 
 
 def circumstances(own: Plan, count: int) -> Iterator[tuple[Occasion, Truth]]:
-    """Yield the recordings of a history: a season, gaits, payloads, a few on the bench."""
+    """Yield occasion and simulated truth of each of `count` recordings of a history."""
     random = np.random.default_rng([own.seed, 1901])
     phase, days = random.uniform(0, 2 * np.pi), np.cumsum(random.integers(1, 4, count))
     days[random.integers(count) :] += 7  # a week without recordings
@@ -154,13 +154,13 @@ def circumstances(own: Plan, count: int) -> Iterator[tuple[Occasion, Truth]]:
 
 
 def model() -> EffectModel:
-    """The model that is tracked, which names everything that the circuit has."""
+    """Return the model that is tracked, with all effects of the circuit."""
     names = ('shaft', *EFFECTS)
     return EffectModel('core', Structure(tuple(Active.of(CATALOGUE[name]) for name in names)))
 
 
 def history(own: Plan, count: int, cache: Path) -> list[RecordingFit]:
-    """Fits of a history's recordings; what the cache has is not simulated again."""
+    """Return fits of a history's recordings, from the cache folder or by simulation."""
     cache.mkdir(parents=True, exist_ok=True)
     out = []
     for index, (occasion, truth) in enumerate(circumstances(own, count)):
@@ -184,7 +184,7 @@ SCORES = {
 
 
 def judge(seed: int, count: int, cache: Path) -> dict[str, Any]:
-    """Run `track` on the history of a seed, on one core, and score it."""
+    """Run `track` on the history of a seed, on one core; return its scores as a row."""
     own = plan(seed, count)
     with threadpool_limits(limits=1):
         start = time.process_time()
@@ -257,7 +257,7 @@ def _scored(own: Plan, result: Search) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Entry point."""
+    """Score `track` on many histories, print the tables and write the results as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--histories', type=int, default=8)
     parser.add_argument('--recordings', type=int, default=40)
@@ -279,7 +279,7 @@ def main() -> None:
 
 
 def table(rows: list[dict[str, Any]]) -> Table:
-    """Scores of all histories."""
+    """Return a table of the scores of all histories."""
     quiet = [row for row in rows if row['kind'] == 'quiet']
     wear = [row for row in rows if row['kind'] == 'wear']
     meter = [row for row in rows if row['kind'] in ('gain', 'offset')]

@@ -48,7 +48,7 @@ class Measured:
 
 
 def recordings(folder: Path, count: int, seconds: float) -> list[Path]:
-    """Recordings of a unit, one a day, made where they are not there yet."""
+    """Return the paths of recordings of a unit, one a day, simulating those that are absent."""
     days = [{'day': float(day), 'temperature': 20.0} for day in range(count)]
     content = {'unit': 3, 'seed': 5, 'seconds': seconds, 'start': '2026-01-05', 'days': days}
     plan = parse(AgeingPlan, content, 'plan')
@@ -62,7 +62,7 @@ def recordings(folder: Path, count: int, seconds: float) -> list[Path]:
 
 
 def run(bags: Sequence[Path], model: Path, more: Sequence[str], *, kill: bool) -> Measured:
-    """Run `track` from an empty index; kill a worker when a share of the fits is there."""
+    """Run `track`, with arguments `more`, from an empty index; kill: a worker at 30 % of fits."""
     with TemporaryDirectory() as name:
         here = Path(name)
         index, told = here / 'index.sqlite3', here / 'track.json'
@@ -100,7 +100,7 @@ def run(bags: Sequence[Path], model: Path, more: Sequence[str], *, kill: bool) -
 
 
 def fits(path: Path) -> int:
-    """Number of fits in an index."""
+    """Return the number of fits in an index; 0 without a file."""
     if not path.exists():
         return 0
     with RecordingIndex(path) as index:
@@ -108,7 +108,7 @@ def fits(path: Path) -> int:
 
 
 def main() -> int:
-    """Entry point."""
+    """Run `track` with different workers and print a table; return 1 where a JSON differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     add = parser.add_argument
     add('--recordings', type=int, default=200)

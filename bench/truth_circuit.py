@@ -74,7 +74,7 @@ class Truth:
 
 
 def record(truth: Truth) -> AlignedDataset:
-    """Simulate and measure, aligned at 400 Hz."""
+    """Simulate a truth and return its measured signals, at 400 Hz."""
     rng = np.random.default_rng([truth.seed, 7])
     steps = int(truth.seconds * RATE)
     if truth.motion == 'walk':

@@ -40,7 +40,7 @@ _MONTH = 30 * 24.0  # h
 
 
 def truth_of(leg: int, index: int, grown: Floats) -> Truth:
-    """Return the circuit of a leg in its recording of this number."""
+    """Return the circuit of a leg in recording `index`; grown: added Coulomb friction [3]."""
     random = np.random.default_rng([leg, index, 1903])
     effects: dict[str, Any] = {name: np.ones(3) for name in _EFFECTS}
     effects['coulomb_friction'] = 1.0 + grown
@@ -55,7 +55,7 @@ def truth_of(leg: int, index: int, grown: Floats) -> Truth:
 
 
 def fitted(data: AlignedDataset) -> EffectModel:
-    """Return the model that names all that the circuit has, fitted."""
+    """Return the model with all effects of the circuit, fitted to data."""
     catalogue = builtin_catalogue()
     names = ('shaft', *_EFFECTS)
     actives = [Active.of(catalogue[name]) for name in names]
@@ -77,7 +77,7 @@ def seconds(data: AlignedDataset, model: EffectModel) -> Iterator[tuple[Floats, 
 
 
 def try_leg(leg: int, quiet: int, config: WatchConfig) -> dict[str, Any]:
-    """Return quiet blocks, false alarms, and the time to the alarm of a leg."""
+    """Return false alarms of a leg in `quiet` recordings, and the time to the true alarm."""
     watch = ChangeWatch(NAMES, config)
     model: EffectModel | None = None
     place, alarms, told = 0, [], None

@@ -74,7 +74,7 @@ _PREVIEW = """
 
 
 def main() -> int:
-    """Measure and print a table."""
+    """Measure the workbench and print a table of its speed and memory."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--bag', type=Path)
     parser.add_argument('--count', type=int, default=30)
@@ -95,14 +95,14 @@ def main() -> int:
 
 
 class WorkbenchFigures:
-    """Rows of what was measured beside its goal."""
+    """Table of measured times and memory with their goals."""
 
     def __init__(self, title: str) -> None:
         columns = ('what', 'median', 'p99', 'goal', 'of')
         self._table = Table(*columns, title=title)
 
     def times(self, name: str, values: Sequence[float], goal: float | None = None) -> None:
-        """Add times in ms."""
+        """Add a row of median and 99th percentile of times in ms."""
         middle, worst = np.quantile(values, [0.5, 0.99])
         shown = '' if goal is None else f'{goal:.0f} ms'
         row = (f'{middle:.0f} ms', f'{worst:.0f} ms', shown, str(len(values)))
@@ -110,7 +110,7 @@ class WorkbenchFigures:
         print(f'{name}: {row[0]}', file=sys.stderr, flush=True)
 
     def memory(self, name: str, megabytes: float, most: float | None = None) -> None:
-        """Add a memory in MB, and its peak."""
+        """Add a row of memory in MB, with its peak `most`."""
         peak = '' if most is None else f'peak {most:.0f} MB'
         self._table.add_row(name, f'{megabytes:.0f} MB', peak, '', '')
 

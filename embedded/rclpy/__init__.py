@@ -41,7 +41,7 @@ _executor: Any = None
 
 
 class InitContextManager:
-    """A context that was started; the end of its `with` block shuts it down."""
+    """Context manager of a started context, which it shuts down at the end of its block."""
 
     def __init__(self, context: Context, uninstalls_handlers: bool) -> None:
         self.context = context
@@ -99,7 +99,7 @@ def create_node(node_name: str, **options: Any) -> Any:
 
 
 def get_global_executor() -> Any:
-    """Return the executor that spins where none is given."""
+    """Return the executor used by `spin` by default; ExternalShutdownException after shutdown."""
     global _executor
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor  # circular
 

@@ -2,7 +2,7 @@
 
 
 class RCLError(RuntimeError):
-    """Raised when something below fails."""
+    """Raised when the middleware or the ROS client library fails."""
 
 
 class RCLInvalidROSArgsError(RCLError):

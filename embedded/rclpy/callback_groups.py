@@ -4,10 +4,10 @@ from typing import Any
 
 
 class CallbackGroup:
-    """Base of the groups."""
+    """Base class of groups of callbacks, which say what may run at the same time."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Tell whether an executor may serve an entity of the group."""
+        """Return whether an executor may run a callback of an entity now; always True."""
         return True
 
 
@@ -16,4 +16,4 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
 
 
 class ReentrantCallbackGroup(CallbackGroup):
-    """Callbacks that may run at the same time."""
+    """Callbacks that may run at the same time; here they do not, with one thread."""

@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 
 class Client(ServiceEntity):
-    """Sends requests to a service."""
+    """Client of a service, which sends requests."""
 
     def __init__(
         self, node: Any, srv_type: Any, srv_name: str, callback_group: Any, qos_profile: QoSProfile
@@ -20,7 +20,7 @@ class Client(ServiceEntity):
         self._lock = threading.Lock()
 
     def call_async(self, request: Any) -> Future:
-        """Send a request; the future has its response once the node was spun."""
+        """Send a request and return a Future of the response; the node must be spun meanwhile."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f'Expected {self.srv_type.Request}, got {type(request)}')
         future = Future()
@@ -29,7 +29,10 @@ class Client(ServiceEntity):
         return future
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
-        """Send a request and block until another thread's spin has got the response."""
+        """Send a request and return the response, which another thread's spin must receive.
+
+        Raises TimeoutError after `timeout_sec`; None waits without limit.
+        """
         done = threading.Event()
         future = self.call_async(request)
         future.add_done_callback(lambda _: done.set())
@@ -39,16 +42,16 @@ class Client(ServiceEntity):
         return future.result()
 
     def remove_pending_request(self, future: Future) -> None:
-        """Wait no longer for a response."""
+        """Discard the request of a future, whose response is then ignored."""
         with self._lock:
             self._pending = {key: value for key, value in self._pending.items() if value != future}
 
     def service_is_ready(self) -> bool:
-        """Tell whether the service is there."""
+        """Return whether a server of the service is connected."""
         return self._alive().server_is_there()
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Block until the service is there; False at timeout or shutdown."""
+        """Block until a server is connected; False at timeout (s) or shutdown."""
         end = float('inf') if timeout_sec is None else time.monotonic() + timeout_sec
         while self.context.ok():
             if self.service_is_ready():

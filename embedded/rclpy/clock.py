@@ -69,7 +69,7 @@ class ROSClock(Clock):
             self._simulated = None
 
     def set_ros_time_override(self, value: Time) -> None:
-        """Set the time that is told while the time of /clock is active."""
+        """Set the time that `now` returns while the time of /clock is active."""
         if not isinstance(value, Time):
             raise TypeError('Time must be specified as rclpy.time.Time.')
         if self._simulated is not None:

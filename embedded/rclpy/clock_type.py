@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class ClockType(IntEnum):
-    """ROS time follows /clock where asked to; steady time never steps."""
+    """Types of clocks: ROS time follows /clock under `use_sim_time`; steady time never steps."""
 
     UNINITIALIZED = 0
     ROS_TIME = 1

@@ -49,7 +49,7 @@ def _refuse_security() -> None:
 
 
 class Context:
-    """One init-to-shutdown cycle; not to be used twice."""
+    """State of rclpy from init to shutdown; it cannot be started twice."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
@@ -71,11 +71,10 @@ class Context:
         initialize_logging: bool = True,
         domain_id: int | None = None,
     ) -> None:
-        """Start; the arguments default to those of the process.
+        """Start the context; args: default to those of the process.
 
-        Raises RuntimeError where it was called before, RCLError where the environment cannot be
-        meant or asks for security, UnknownROSArgsError or RCLInvalidROSArgsError for arguments
-        that cannot be read.
+        Raises RuntimeError on a second call, RCLError for environment variables that are invalid
+        or require security, UnknownROSArgsError or RCLInvalidROSArgsError for invalid arguments.
         """
         with self._lock:
             if self.initialized:
@@ -92,7 +91,7 @@ class Context:
         atexit.register(self._close)
 
     def ok(self) -> bool:
-        """Tell whether it was started and not shut down."""
+        """Return whether the context was started and not shut down."""
         return self.valid
 
     @property
@@ -116,7 +115,7 @@ class Context:
             return self._graph
 
     def on_shutdown(self, callback: Callable[[], None]) -> None:
-        """Call back at shutdown, at once where that was."""
+        """Register a callback for shutdown; it is called at once after a shutdown."""
         if not callable(callback):
             raise TypeError(f'callback should be a callable, got {type(callback)}')
         if self.initialized and not self.valid:
@@ -134,7 +133,7 @@ class Context:
             executor.wake()
 
     def shutdown(self) -> None:
-        """Stop; raise RuntimeError where it was not started, RCLError where it was stopped."""
+        """Shut down; RuntimeError if it was not started, RCLError if it was shut down before."""
         if not self.initialized:
             raise RuntimeError('Context must be initialized before it can be shutdown')
         if not self.valid:
@@ -143,7 +142,7 @@ class Context:
         self._shutdown()
 
     def try_shutdown(self) -> None:
-        """Stop, where it was started and not stopped."""
+        """Shut down if it was started and is not shut down; raise nothing."""
         if self.initialized:
             self._shutdown()
 

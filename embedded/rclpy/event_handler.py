@@ -43,7 +43,7 @@ OFFERED = (
 
 
 class IncompatibleQos:
-    """Watches a DDS reader or writer for others whose QoS does not fit."""
+    """Watches a DDS reader or writer for peers with incompatible QoS."""
 
     def __init__(self, endpoint: Any, is_reader: bool, topic: str, events: Any, logger: Any):
         self.entity = endpoint
@@ -57,7 +57,7 @@ class IncompatibleQos:
             endpoint.set_status_mask(DDSStatus.OfferedIncompatibleQos)
 
     def check(self) -> None:
-        """Call back or log where something changed."""
+        """Call back, or log a warning, if new incompatible peers appeared."""
         status = self._status()
         if status.total_count_change <= 0:
             return

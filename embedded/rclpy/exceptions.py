@@ -55,7 +55,7 @@ class InvalidServiceNameException(NameValidationException):
 
 
 class ParameterException(Exception):
-    """Base of what concerns parameters."""
+    """Base class of errors about parameters."""
 
     def __init__(self, error_msg: str, parameters: str | list[str]):
         super().__init__(f'{error_msg}: {parameters}')

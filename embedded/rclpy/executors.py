@@ -36,7 +36,7 @@ class SingleThreadedExecutor:
         self.context._executors.add(self)
 
     def add_node(self, node: Any) -> bool:
-        """Call back for a node; False where that is so already."""
+        """Add a node, whose callbacks are then run; False if it was added before."""
         with self._lock:
             if node in self._nodes:
                 return False
@@ -48,7 +48,7 @@ class SingleThreadedExecutor:
         return True
 
     def remove_node(self, node: Any) -> None:
-        """Call back for a node no longer."""
+        """Remove a node, whose callbacks are then no longer run."""
         with self._lock:
             if node not in self._nodes:
                 return
@@ -57,7 +57,7 @@ class SingleThreadedExecutor:
         self.forget()
 
     def wake(self, changed: bool = False) -> None:
-        """Stop waiting; with `changed`, look at the nodes' entities anew."""
+        """Interrupt waiting; `changed`: nodes have new or fewer entities (timers, topics …)."""
         if changed:
             self._stale = True
         guard = self._guard
@@ -65,13 +65,13 @@ class SingleThreadedExecutor:
             guard.set(True)
 
     def forget(self) -> None:
-        """Let go at once of what the nodes no longer have."""
+        """Release entities that the nodes have destroyed, at once."""
         if self._wait_set is not None:
             self._refresh()
         self.wake()
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Stop spinning and let go of all nodes."""
+        """Stop spinning and remove all nodes; return True. The timeout is ignored."""
         self._is_shutdown = True
         self.wake()
         with self._lock:
@@ -158,12 +158,15 @@ class SingleThreadedExecutor:
         return True
 
     def create_task(self, callback: Callable[[], Any]) -> None:
-        """Call back once, in the thread that spins; any thread may ask for it."""
+        """Schedule a callback to run once in the spinning thread; callable from any thread."""
         self._ready.append((_call, callback))
         self.wake()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for one callback, at most `timeout_sec` [s], and run it."""
+        """Wait for one callback, at most `timeout_sec` [s], and run it.
+
+        Raises ExternalShutdownException after shutdown of the context.
+        """
         if not self.context.valid:
             raise ExternalShutdownException
         endless = timeout_sec is None or timeout_sec < 0

@@ -13,7 +13,7 @@ COLOURS = {'DEBUG': '32', 'WARN': '33', 'ERROR': '31', 'FATAL': '31'}
 
 
 class LoggingSeverity(IntEnum):
-    """Severities; UNSET takes that of the parent."""
+    """Severities of messages; a logger with UNSET takes that of its parent."""
 
     UNSET = 0
     DEBUG = 10
@@ -29,7 +29,7 @@ _lock = threading.Lock()
 
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
-    """Return a severity by its name; raise RuntimeError where there is none of it."""
+    """Return a severity by its name in any case; RuntimeError for an unknown name."""
     try:
         return LoggingSeverity[log_severity.upper()]
     except KeyError:
@@ -37,7 +37,7 @@ def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
 
 
 def set_logger_level(name: str, level: int, detailed_error: bool = False) -> None:
-    """Set the severity from which on a logger writes; the name '' is the root."""
+    """Set the lowest severity that a logger writes; the name '' is the root."""
     _levels[name] = LoggingSeverity(level)
 
 
@@ -52,7 +52,7 @@ def get_logger_effective_level(name: str) -> LoggingSeverity:
 
 
 def get_logger(name: str) -> 'RcutilsLogger':
-    """Return the logger of this name."""
+    """Return the logger of this name; ValueError for an empty one."""
     if not name:
         raise ValueError('Logger name must not be empty.')
     return _loggers.setdefault(name, RcutilsLogger(name))
@@ -100,7 +100,7 @@ class RcutilsLogger:
         self._severities: dict[Place, LoggingSeverity] = {}
 
     def set_level(self, level: int) -> None:
-        """Set the severity from which on this logger writes."""
+        """Set the lowest severity that this logger writes."""
         set_logger_level(self.name, level)
 
     def is_enabled_for(self, severity: int) -> bool:
@@ -117,7 +117,7 @@ class RcutilsLogger:
         throttle_duration_sec: float | None = None,
         throttle_time_source_type: Any = None,
     ) -> bool:
-        """Write a message and tell whether it was written.
+        """Write a message, unless a level or option suppresses it; return whether it was written.
 
         `once`, `skip_first` and `throttle_duration_sec` [s] count for each place in the code.
         Raises ValueError where one place logs at different severities, as rclpy does.

@@ -200,7 +200,7 @@ class Node(Parameters):
         callback_group: CallbackGroup | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher:
-        """Make a publisher; raise InvalidTopicNameException for what is no name."""
+        """Make a publisher; qos_profile: or a depth. InvalidTopicNameException for bad names."""
         profile = profile_of(qos_profile)
         self._alive()
         name = self._resolve(topic, False)
@@ -217,7 +217,7 @@ class Node(Parameters):
         event_callbacks: SubscriptionEventCallbacks | None = None,
         raw: bool = False,
     ) -> Subscription:
-        """Make a subscription; with `raw`, the callback gets CDR bytes."""
+        """Make a subscription with a callback (message) or (message, info); `raw`: CDR bytes."""
         profile = profile_of(qos_profile)
         self._alive()
         name = self._resolve(topic, False)
@@ -235,7 +235,7 @@ class Node(Parameters):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Call back every `timer_period_sec` [s] of a clock, by default that of the node."""
+        """Make a timer with a period [s] on a clock, the node's if None."""
         self._alive()
         period = int(float(timer_period_sec) * 1_000_000_000)
         group = callback_group or self._default_callback_group
@@ -256,7 +256,7 @@ class Node(Parameters):
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Service:
-        """Serve requests by a callback (request, response) -> response."""
+        """Make a server of a service with a callback (request, response) -> response."""
         self._alive()
         name = self._resolve(srv_name, True)
         group = callback_group or self._default_callback_group
@@ -328,9 +328,9 @@ class Node(Parameters):
         return self._context.graph.count('reader', self.resolve_topic_name(topic_name))
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> list[tuple[str, list[str]]]:
-        """Return the topics of the domain."""
+        """Return (name, type names) of each topic of the domain."""
         return list(self._context.graph.topics().items())
 
     def get_service_names_and_types(self) -> list[tuple[str, list[str]]]:
-        """Return the services of the domain."""
+        """Return (name, type names) of each service of the domain."""
         return list(self._context.graph.services().items())

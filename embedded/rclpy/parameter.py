@@ -35,7 +35,7 @@ class Parameter:
 
         @classmethod
         def from_parameter_value(cls, parameter_value: Any) -> 'Parameter.Type':
-            """Return the type of a value; raise TypeError where it has none."""
+            """Return the type of a value; TypeError if a parameter cannot hold it."""
             if parameter_value is None:
                 return cls.NOT_SET
             is_list = isinstance(parameter_value, SEQUENCES)
@@ -93,7 +93,7 @@ FIELDS = {
 
 
 def get_parameter_value(string_value: str) -> Any:
-    """Return the rcl_interfaces/ParameterValue that a text means by the rules of YAML."""
+    """Parse text as YAML to a rcl_interfaces/ParameterValue; other text becomes a string."""
     try:
         value = yaml.safe_load(string_value)
     except yaml.YAMLError:
@@ -105,7 +105,7 @@ def get_parameter_value(string_value: str) -> Any:
 
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
-    """Return what a rcl_interfaces/ParameterValue holds, None where it is not set."""
+    """Return the Python value of a rcl_interfaces/ParameterValue; None if not set."""
     if parameter_value.type == ParameterType.PARAMETER_NOT_SET:
         return None
     if parameter_value.type not in FIELDS:

@@ -49,9 +49,8 @@ class Publisher:
     def publish(self, msg: Any) -> None:
         """Send a message, or CDR bytes as they are.
 
-        Raises TypeError for another type or a field that its type cannot hold, InvalidHandle
-        after destruction, RCLError after shutdown or where subscriptions that
-        want all messages lag behind.
+        Raises TypeError for a wrong type of message or field, InvalidHandle after `destroy`,
+        RCLError after shutdown or if reliable subscriptions lag behind.
         """
         if msg.__class__ is self.msg_type:
             cdr = codec.serialize(msg)
@@ -70,11 +69,11 @@ class Publisher:
             raise RCLError(f"Failed to publish on '{self._topic}': {error}") from error
 
     def get_subscription_count(self) -> int:
-        """Return the number of subscriptions that get the messages."""
+        """Return the number of matched subscriptions."""
         return len(self._alive().get_matched_subscriptions())
 
     def wait_for_all_acked(self, timeout: Any = None) -> bool:
-        """Block until every reliable subscription has got everything; False at timeout."""
+        """Block until reliable subscriptions have all messages; False at timeout (a Duration)."""
         span = 2**63 - 1 if timeout is None else timeout.nanoseconds
         writer = self._alive()
         return bool(writer._wait_for_acks(writer._ref, span) == 0)
@@ -88,5 +87,5 @@ class Publisher:
         return [] if self._event is None else [(self._event.entity, self._event.check)]
 
     def destroy(self) -> None:
-        """Leave the topic."""
+        """Release the DDS writer; `publish` then raises InvalidHandle."""
         self._writer = self._event = None

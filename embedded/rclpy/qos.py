@@ -42,7 +42,7 @@ DDS_POLICIES = {
 
 
 class HistoryPolicy(IntEnum):
-    """Number of samples that are kept."""
+    """Queueing of samples: the latest `depth`, or all."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -51,7 +51,7 @@ class HistoryPolicy(IntEnum):
 
 
 class ReliabilityPolicy(IntEnum):
-    """Delivery: lost samples are sent again, or not."""
+    """Delivery: lost samples are sent again (RELIABLE), or not."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -61,7 +61,7 @@ class ReliabilityPolicy(IntEnum):
 
 
 class DurabilityPolicy(IntEnum):
-    """Durability: late joiners get samples published before, or not."""
+    """Durability: late joiners get earlier samples (TRANSIENT_LOCAL), or not."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -71,7 +71,7 @@ class DurabilityPolicy(IntEnum):
 
 
 class LivelinessPolicy(IntEnum):
-    """Assertion of a writer that it is alive."""
+    """Way in which a writer asserts that it is alive."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -90,7 +90,7 @@ _DURATIONS = ('lifespan', 'deadline', 'liveliness_lease_duration')
 
 
 class QoSProfile:
-    """A set of policies; at least `depth` or `history` has to be given."""
+    """A set of policies; InvalidQoSProfileException unless `depth` or `history` is given."""
 
     __slots__ = (
         'avoid_ros_namespace_conventions',
@@ -161,7 +161,7 @@ class QoSProfile:
 
 
 def profile_of(qos: 'QoSProfile | int', name: str = 'qos_profile') -> QoSProfile:
-    """Return a profile; a number is the depth of a default one."""
+    """Return a profile as given, or a default one of a depth; TypeError, ValueError otherwise."""
     if isinstance(qos, QoSProfile):
         return qos
     if isinstance(qos, bool) or not isinstance(qos, int):
@@ -172,7 +172,7 @@ def profile_of(qos: 'QoSProfile | int', name: str = 'qos_profile') -> QoSProfile
 
 
 def to_dds(profile: QoSProfile, user_data: str) -> Qos:
-    """Return a profile as Cyclone takes it, as rmw_cyclonedds makes it."""
+    """Convert a profile to the DDS QoS that rmw_cyclonedds makes; user_data: text sent along."""
     history: Any = Policy.History.KeepAll
     if profile.history != HistoryPolicy.KEEP_ALL:
         history = Policy.History.KeepLast(max(1, profile.depth))
@@ -205,7 +205,7 @@ def to_dds(profile: QoSProfile, user_data: str) -> Qos:
 
 
 def from_dds(qos: Qos) -> QoSProfile:
-    """Return what a discovered endpoint offers or asks for; depth is not exchanged."""
+    """Convert the DDS QoS of a discovered endpoint to a profile; history and depth are unknown."""
     found = {policy.__scope__: policy for policy in qos}
     profile = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0)
     if found.get('Reliability') is Policy.Reliability.BestEffort:

@@ -11,5 +11,5 @@ def serialize_message(message: Any) -> bytes:
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
-    """Return the message in CDR bytes; raise ValueError where there is none."""
+    """Decode CDR bytes to a message of a class; ValueError for bytes of no such message."""
     return rosidl_embedded.deserialize(bytes(serialized_message), message_type)

@@ -10,7 +10,7 @@ from weakref import WeakSet
 
 
 class SignalHandlerOptions(IntEnum):
-    """Which signals shut the contexts down."""
+    """Signals that shut the contexts down."""
 
     NO = 0
     SIGINT = 1
@@ -53,7 +53,7 @@ def _handle(number: int, frame: FrameType | None) -> None:
 
 
 def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
-    """Take the signals over; the handlers that were there are called as well."""
+    """Install handlers that shut contexts down; previous handlers are called as well."""
     if threading.current_thread() is not threading.main_thread():
         return
     for option, number in (
@@ -66,7 +66,7 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
 
 
 def uninstall_signal_handlers() -> None:
-    """Give the signals back to the handlers that were there."""
+    """Restore the previous handlers of the signals."""
     if threading.current_thread() is not threading.main_thread():
         return
     if _previous:

@@ -18,7 +18,7 @@ BATCH = 32
 
 
 class SubscriptionHandle:
-    """Handle of a subscription, as a context manager; takes messages where no executor does."""
+    """Handle of a subscription, a context manager; reads messages without an executor."""
 
     def __init__(self, reader: Any, batch: int, topic: str, logger: Any):
         self._reader, self._batch = reader, batch
@@ -34,7 +34,7 @@ class SubscriptionHandle:
         pass
 
     def take_message(self, pymsg_type: Any, raw: bool) -> tuple[Any, dict[str, int]] | None:
-        """Return the oldest message that waits, with its times; None where none does."""
+        """Return the oldest waiting message with its `message_info`; None if none waits."""
         while True:
             if not self._taken:
                 samples = self._reader.take(self._batch)
@@ -48,13 +48,13 @@ class SubscriptionHandle:
                 return message, message_info(sample)
 
     def destroy(self) -> None:
-        """Let go of the reader."""
+        """Release the reader and drop waiting messages."""
         self._reader = None
         self._taken.clear()
 
 
 def decoded(sample: Sample, msg_type: Any, raw: bool, topic: str, logger: Any) -> Any:
-    """Return the message of a sample, or its bytes; None, with a line, where it is none."""
+    """Decode a sample (raw: return its bytes); None, and an error is logged, if it is invalid."""
     if raw:
         return bytes(sample)
     try:
@@ -71,7 +71,7 @@ def message_info(sample: Sample) -> dict[str, int]:
 
 
 def takes_info(callback: Callable[..., Any]) -> bool:
-    """Tell whether a callback wants (message, info); raise RuntimeError where it fits neither."""
+    """Return True for a callback (message, info), False for (message); else RuntimeError."""
     signature = inspect.signature(callback)
     for arguments in (1, 2):
         try:
@@ -148,6 +148,6 @@ class Subscription:
             self.callback(message)
 
     def destroy(self) -> None:
-        """Leave the topic."""
+        """Release the DDS reader."""
         self._reader = self._unread = self._event = None
         self.handle.destroy()

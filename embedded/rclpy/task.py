@@ -6,7 +6,7 @@ from typing import Any
 
 
 class Future:
-    """The outcome of something that another callback will finish."""
+    """A result or exception that is set later, by another callback or thread."""
 
     def __init__(self, *, executor: Any = None):
         self._lock = threading.Lock()
@@ -17,7 +17,7 @@ class Future:
         self._callbacks: list[Callable[[Future], None]] = []
 
     def done(self) -> bool:
-        """Tell whether there is an outcome."""
+        """Return whether a result or exception is set, or the future is cancelled."""
         return self._done or self._cancelled
 
     def cancelled(self) -> bool:
@@ -25,7 +25,7 @@ class Future:
         return self._cancelled
 
     def cancel(self) -> None:
-        """Give up waiting."""
+        """Cancel the future and call the callbacks."""
         self._finish(cancelled=True)
 
     def result(self) -> Any:
@@ -35,7 +35,7 @@ class Future:
         return self._result
 
     def exception(self) -> BaseException | None:
-        """Return the exception that was set."""
+        """Return the exception that was set, or None."""
         return self._exception
 
     def set_result(self, result: Any) -> None:
@@ -62,7 +62,7 @@ class Future:
             callback(self)
 
     def add_done_callback(self, callback: Callable[['Future'], None]) -> None:
-        """Call back once there is an outcome, at once where there is one."""
+        """Register a callback for when the future is done; called at once if it is."""
         with self._lock:
             if not self.done():
                 self._callbacks.append(callback)

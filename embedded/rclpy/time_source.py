@@ -16,7 +16,7 @@ USE_SIM_TIME_NAME = 'use_sim_time'
 
 
 class TimeSource:
-    """Sets a node's ROS clock."""
+    """Sets a node's ROS clock from /clock while its parameter use_sim_time is true."""
 
     def __init__(self, node: Any, clock: ROSClock):
         self._node = node

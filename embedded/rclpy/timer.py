@@ -8,7 +8,7 @@ from rclpy.exceptions import InvalidHandle
 
 
 class Timer:
-    """Calls back in a fixed period; a period that was missed is skipped, not made up for."""
+    """Calls back in a fixed period; missed periods are skipped. ValueError for a negative one."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Timer:
         self._changed()
 
     def destroy(self) -> None:
-        """Never call back again."""
+        """Stop for good."""
         self._destroyed = self._canceled = True
 
     def time_until_next_call(self) -> int | None:

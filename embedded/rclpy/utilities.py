@@ -12,7 +12,7 @@ _lock = threading.RLock()
 
 
 def get_default_context(*, shutting_down: bool = False) -> Context:
-    """Return the context that is used where none is given."""
+    """Return the default context; shutting_down: the next call makes a new one."""
     global _default_context
     with _lock:
         if _default_context is None:

@@ -19,7 +19,7 @@ EXAMPLE = 'Example: ros2 topic hz /joint_states'
 
 
 class CommandError(Exception):
-    """A command that cannot be carried out; the message says why in one line."""
+    """Raised for a command that cannot be carried out; the message says why in one line."""
 
 
 def main(args: Sequence[str] | None = None) -> int:

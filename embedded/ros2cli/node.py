@@ -51,7 +51,7 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run a verb."""
+    """Run a verb of `ros2 node` and return its exit code."""
     verbs = Verbs('node', 'Nodes of the domain.')
     verb = verbs.add('list', _list, 'List nodes.', 'ros2 node list')
     add_spin_time(verb)

@@ -158,7 +158,7 @@ def _load(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run a verb."""
+    """Run a verb of `ros2 param` and return its exit code."""
     verbs = Verbs('param', 'Parameters of nodes.')
     verb = verbs.add('list', _list, 'List parameters.', 'ros2 param list /daq')
     add_spin_time(verb)

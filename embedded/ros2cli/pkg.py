@@ -23,7 +23,7 @@ def _executables(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run a verb."""
+    """Run a verb of `ros2 pkg` and return its exit code."""
     verbs = Verbs('pkg', 'Packages that have executables.')
     verbs.add('list', _list, 'List packages.', 'ros2 pkg list')
     verb = verbs.add(

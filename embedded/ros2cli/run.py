@@ -45,7 +45,7 @@ def packages() -> dict[str, dict[str, Path | EntryPoint]]:
 
 
 def summaries(package: str) -> dict[str, str]:
-    """Return a line on each executable of a package, from the docstring of its body."""
+    """Return one-line descriptions of a package's executables, from module docstrings."""
     found = {}
     for script in (*entry_points(group='console_scripts'), *entry_points(group=_OF_WHEELS)):
         if script.dist is None or script.dist.name.replace('-', '_') != package:
@@ -67,7 +67,7 @@ def source(module: str) -> ast.Module:
 
 
 def bodies(command: ast.FunctionDef) -> Iterator[str]:
-    """Yield the module that has the body of a command, named as `@entry_point('module:run')`."""
+    """Yield the modules named in a command's decorator, as in `@entry_point('module:run')`."""
     for decorator in command.decorator_list:
         if isinstance(decorator, ast.Call):
             for given in decorator.args:
@@ -76,7 +76,7 @@ def bodies(command: ast.FunctionDef) -> Iterator[str]:
 
 
 def main(argv: Sequence[str]) -> int | None:
-    """Replace this process by the executable, or run the entry point of a wheel in it."""
+    """Replace this process by the executable, or run a wheel's entry point; CommandError."""
     if not argv or argv[0] in ('-h', '--help'):
         print(USAGE)
         return None

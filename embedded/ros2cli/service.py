@@ -36,7 +36,7 @@ def _type(options: argparse.Namespace) -> None:
 
 
 def request(node: Any, service_type: Any, name: str, message: Any, timeout: float) -> Any:
-    """Call a service and return its response; raise CommandError where there is none."""
+    """Call a service and return its response; CommandError if none comes in `timeout` s."""
     import rclpy  # slow to import
 
     client = node.create_client(service_type, name)
@@ -71,7 +71,7 @@ def _served(node: Any) -> dict[str, list[str]]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run a verb."""
+    """Run a verb of `ros2 service` and return its exit code."""
     verbs = Verbs('service', 'Services of the domain.')
     verb = verbs.add('list', _list, 'List services.', 'ros2 service list -t')
     add_spin_time(verb)

@@ -217,7 +217,7 @@ def _add_qos(parser: argparse.ArgumentParser) -> None:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run a verb."""
+    """Run a verb of `ros2 topic` and return its exit code."""
     verbs = Verbs('topic', 'Topics of the domain.')
     verb = verbs.add('list', _list, 'List topics.', 'ros2 topic list -t')
     add_spin_time(verb)

@@ -31,7 +31,7 @@ class Verbs:
         text: str,
         example: str,
     ) -> argparse.ArgumentParser:
-        """Add a verb and return its parser."""
+        """Add a verb that runs `function`, with help `text`, and return its parser."""
         verb = self._verbs.add_parser(
             name, help=text, description=text, epilog=f'Example: {example}'
         )
@@ -48,7 +48,7 @@ class Verbs:
 
 
 def add_spin_time(parser: argparse.ArgumentParser) -> None:
-    """Let users say how long to wait for discovery."""
+    """Add the options --no-daemon and --spin-time to a parser."""
     parser.add_argument('--no-daemon', action='store_true', help='no effect: there is no daemon')
     parser.add_argument(
         '--spin-time',
@@ -61,7 +61,7 @@ def add_spin_time(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def direct_node() -> Iterator[Any]:
-    """Give a node that does not show in lists of nodes."""
+    """Yield a hidden node; CommandError where it cannot start."""
     import rclpy  # slow to import
     from rclpy.node import Node
 
@@ -78,7 +78,7 @@ def direct_node() -> Iterator[Any]:
 
 
 def discover(node: Any, spin_time: float | None = None) -> None:
-    """Wait until the picture of the domain no longer changes."""
+    """Wait until no new nodes or topics appear for 0.3 s, or for `spin_time` s."""
     graph = node.context.graph
     start = changed = time.monotonic()
     seen: Any = None
@@ -127,7 +127,7 @@ def to_yaml(value: Any) -> str:
 
 
 def field(message: Any, path: str) -> Any:
-    """Return a field by its dotted path; raise CommandError where there is none."""
+    """Return a field of a message by its dotted path; CommandError if there is none."""
     value = message
     for name in path.split('.'):
         if not hasattr(value, 'get_fields_and_field_types') or not hasattr(value, name):
@@ -137,7 +137,7 @@ def field(message: Any, path: str) -> Any:
 
 
 def fill(message: Any, values: Any) -> None:
-    """Set a message's fields from dictionaries; raise CommandError for what does not fit."""
+    """Set a message's fields from nested dictionaries; CommandError for unknown fields."""
     types = message.get_fields_and_field_types()
     if not isinstance(values, dict):
         raise CommandError(
@@ -174,7 +174,7 @@ def _made(package: str, name: str, values: Any) -> Any:
 
 
 def parse_values(text: str) -> Any:
-    """Return what YAML means; raise CommandError where it is none."""
+    """Parse YAML; an empty text gives {}, an invalid one raises CommandError."""
     try:
         values = yaml.safe_load(text)
     except yaml.YAMLError as error:

@@ -53,7 +53,7 @@ def serialize(message: Message, prefix: bytes = b'') -> bytes:
 
 
 def deserialize(data: bytes, cls: type[Message], skip: int = 0) -> Any:
-    """Return the message in CDR bytes, of which `skip` bytes after the encapsulation are left out.
+    """Decode CDR bytes to a message of class `cls`, ignoring `skip` bytes after the encapsulation.
 
     Raises ValueError where the bytes are no such message.
     """

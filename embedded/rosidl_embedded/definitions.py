@@ -18,7 +18,7 @@ DEFAULTS: dict[tuple[str, str], float] = {
 
 @cache
 def definitions() -> Typestore:
-    """Return the type store that every definition is kept in."""
+    """Return the type store of all definitions, one for the process."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -64,7 +64,7 @@ def is_known(type_name: str) -> bool:
 
 
 def fields_of(type_name: str) -> Fielddefs:
-    """Return name and description of each field, in the order of the wire."""
+    """Return name and rosbags type descriptor of each field, in the order of serialization."""
     is_known(type_name)
     fields = definitions().fielddefs[type_name][1]
     return fields or [(EMPTY_MEMBER, (Nodetype.BASE, ('uint8', 0)))]

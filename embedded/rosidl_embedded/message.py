@@ -88,7 +88,7 @@ class NumericArray(array):
 
 
 def numeric(typecode: str, values: Any) -> NumericArray:
-    """Copy numbers of any kind of sequence, fast where they already have the right type."""
+    """Copy numbers from any sequence to an array of a typecode."""
     if isinstance(values, np.ndarray):
         values = values.astype(typecode, copy=False).tobytes()
     elif isinstance(values, array) and values.typecode == typecode:
@@ -244,7 +244,7 @@ def _property(field: _Field, checked: bool) -> property:
 
 @cache
 def class_of(type_name: str) -> type[Message]:
-    """Return the class of a message such as `sensor_msgs/msg/JointState`."""
+    """Return the class of a message such as `sensor_msgs/msg/JointState`, which must be known."""
     package, kind, name = type_name.split('/')
     fields = [_Field(type_name, *entry) for entry in definitions.fields_of(type_name)]
     members: dict[str, Any] = definitions.constants_of(type_name)

@@ -64,12 +64,12 @@ def _check(name: str, rules: Rules, error: Any, kind: str = '', given: str | Non
 
 
 def validate_node_name(name: str) -> None:
-    """Raise InvalidNodeNameException for a name that a node cannot have."""
+    """Raise InvalidNodeNameException for an invalid node name."""
     _check(name, NODE_NAME, InvalidNodeNameException)
 
 
 def validate_namespace(namespace: str) -> None:
-    """Raise InvalidNamespaceException for a name that a namespace cannot have."""
+    """Raise InvalidNamespaceException for an invalid namespace."""
     if namespace != '/':
         _check(namespace, FULL_NAME, InvalidNamespaceException, 'namespace')
 
@@ -77,7 +77,7 @@ def validate_namespace(namespace: str) -> None:
 def expand(name: str, node_name: str, namespace: str, is_service: bool = False) -> str:
     """Return the absolute form of a topic's or service's name, without remapping.
 
-    Raises Invalid…NameException for a name that it cannot have.
+    InvalidTopicNameException or InvalidServiceNameException for an invalid name.
     """
     error = InvalidServiceNameException if is_service else InvalidTopicNameException
     plain = SUBSTITUTION.sub(lambda match: '_' * len(match[0]), name)
@@ -102,7 +102,7 @@ FLOAT = re.compile(r'[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?')
 
 
 class YamlError(ValueError):
-    """Raised for what is no parameter value or no parameter file; the message says why."""
+    """Raised for text that is no valid parameter value or file; the message says why."""
 
 
 def _scalar(node: yaml.ScalarNode) -> bool | int | float | str:
@@ -141,7 +141,7 @@ def _compose(text: str) -> yaml.Node | None:
 
 
 def parameter_value(text: str) -> Any:
-    """Return the value that stands behind `name:=`."""
+    """Parse the value of a parameter given as `name:=text`; YamlError if invalid."""
     node = _compose(text)
     if node is None:
         raise YamlError('there is no value')
@@ -198,21 +198,21 @@ class RosArguments:
     enclave: str = '/'
 
     def node_name(self, name: str) -> str:
-        """Return the name that a node of this name has after remapping."""
+        """Return a node's name after remapping."""
         for rule in self.remaps:
             if rule.source in ('__node', '__name') and rule.node in (None, name):
                 return rule.target
         return name
 
     def namespace(self, name: str, namespace: str) -> str:
-        """Return the namespace that a node has after remapping."""
+        """Return a node's namespace after remapping; name, namespace: those before."""
         for rule in self.remaps:
             if rule.source == '__ns' and rule.node in (None, name):
                 return rule.target
         return namespace
 
     def topic(self, absolute: str, node: str, namespace: str, is_service: bool) -> str:
-        """Return the absolute name that a topic or service has after remapping."""
+        """Return the absolute name after remapping of a topic or service of a node."""
         scheme = 'rosservice://' if is_service else 'rostopic://'
         for rule in self.remaps:
             source = rule.source.removeprefix(scheme)
@@ -244,7 +244,7 @@ def _matches(pattern: str, node: str) -> bool:
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the arguments that are not for ROS, and those that are."""
+    """Split a command line into arguments outside and inside --ros-args … --."""
     plain: list[str] = []
     ros: list[str] = []
     inside = False
@@ -273,7 +273,7 @@ def _rule(text: str, flag: str) -> tuple[str | None, str, str]:
 def parameters_of(path: str) -> list[tuple[str, dict[str, Any]]]:
     """Return pairs of node pattern and values of a ROS parameter file.
 
-    Raises RCLInvalidROSArgsError where it is absent or no such file.
+    Raises RCLInvalidROSArgsError if the file is absent or invalid.
     """
     try:
         node = _compose(Path(path).read_text(encoding='utf-8'))

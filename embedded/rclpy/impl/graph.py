@@ -36,7 +36,7 @@ class NodeEntities:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A reader or a writer of the domain."""
+    """A DDS reader or writer of the domain; kind: topic, request, reply or '' (not ROS)."""
 
     gid: bytes
     kind: str
@@ -57,7 +57,7 @@ def ros_name(dds_name: str) -> tuple[str, str]:
 
 
 def ros_type(dds_type: str) -> str:
-    """Return `pkg/msg/Name` of `pkg::msg::dds_::Name_`, with the name alone of a service."""
+    """Return `pkg/msg/Name` of `pkg::msg::dds_::Name_`; services without _Request, _Response."""
     name = dds_type.replace('::dds_::', '::').replace('::', '/').removesuffix('_')
     if '/srv/' in name:
         name = name.removesuffix('_Request').removesuffix('_Response')
@@ -83,7 +83,7 @@ def _qos(depth: int) -> Qos:
 
 
 class Graph:
-    """Tells others of this process's nodes and answers who else is there."""
+    """Announces this process's nodes to the domain and lists nodes, topics and services in it."""
 
     def __init__(self, participant: Participant):
         self._participant = participant
@@ -96,12 +96,12 @@ class Graph:
         self._heard: dict[bytes, list[NodeEntities]] = {}
 
     def close(self) -> None:
-        """Let go of the endpoints."""
+        """Release the graph's own DDS reader and writer."""
         self._writer = self._reader = None
         self._builtin.clear()
 
     def publish(self) -> None:
-        """Tell others of this process's nodes."""
+        """Send the list of this process's nodes to the domain."""
         make_gid = message_class('rmw_dds_common', 'Gid')
         make_node = message_class('rmw_dds_common', 'NodeEntitiesInfo')
         make_all = message_class('rmw_dds_common', 'ParticipantEntitiesInfo')
@@ -176,11 +176,11 @@ class Graph:
             return found
 
     def topics(self) -> dict[str, list[str]]:
-        """Return the types of each topic."""
+        """Return the type names of each topic, by absolute topic name."""
         return self._types('topic')
 
     def services(self) -> dict[str, list[str]]:
-        """Return the types of each service that is served."""
+        """Return the type names of each service that has a server, by absolute name."""
         return self._types('request', ('reader',))
 
     def _types(

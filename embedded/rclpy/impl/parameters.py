@@ -29,7 +29,7 @@ RELATIVE_TOLERANCE = 1e-6
 
 
 def out_of_range(parameter: Parameter, descriptor: Any) -> str:
-    """Return why a value is outside of its descriptor's range, '' where it is not."""
+    """Return why a parameter's value is outside its descriptor's range; '' if it is inside."""
     ranges = {
         Parameter.Type.INTEGER: descriptor.integer_range,
         Parameter.Type.DOUBLE: descriptor.floating_point_range,
@@ -67,7 +67,7 @@ def out_of_range(parameter: Parameter, descriptor: Any) -> str:
 
 
 class Parameters:
-    """The part of a node that holds its parameters."""
+    """Base class of a node that declares, reads and sets its parameters."""
 
     def __init__(self, overrides: dict[str, Any]):
         self._parameters: dict[str, Parameter] = {}
@@ -82,10 +82,10 @@ class Parameters:
         descriptor: Any = None,
         ignore_override: bool = False,
     ) -> Parameter:
-        """Declare a parameter by its default value or its Parameter.Type.
+        """Declare a parameter by its default value or its Parameter.Type, and return it.
 
-        Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException where the value
-        given from outside has another type, InvalidParameterValueException where it is refused.
+        Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException if the override has
+        another type, InvalidParameterValueException if a callback or range refuses it.
         """
         given = ParameterDescriptor() if descriptor is None else descriptor
         if value is None and descriptor is None:
@@ -101,7 +101,10 @@ class Parameters:
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
     ) -> list[Parameter]:
-        """Declare parameters as tuples (name, value or type, descriptor)."""
+        """Declare parameters given as tuples (name, value or type, descriptor); return them.
+
+        namespace: prefix of the names. TypeError for other tuples, else as `declare_parameter`.
+        """
         declared: list[tuple[Parameter, Any]] = []
         for index, entry in enumerate(parameters):
             if not 1 <= len(entry) <= 3:
@@ -168,7 +171,7 @@ class Parameters:
         return name in self._parameters
 
     def get_parameter(self, name: str) -> Parameter:
-        """Return a parameter; raise where it is not declared or has no value."""
+        """Return a parameter; ParameterNotDeclaredException or ParameterUninitializedException."""
         parameter = self._parameters.get(name)
         if parameter is None:
             raise ParameterNotDeclaredException(name)
@@ -178,28 +181,28 @@ class Parameters:
         return parameter
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
-        """Return parameters."""
+        """Return parameters by name; exceptions as of `get_parameter`."""
         if not all(isinstance(name, str) for name in names):
             raise TypeError('All names must be instances of type str')
         return [self.get_parameter(name) for name in names]
 
     def describe_parameter(self, name: str) -> Any:
-        """Return the descriptor of a parameter; raise where it is not declared."""
+        """Return a parameter's descriptor; ParameterNotDeclaredException if undeclared."""
         if name in self._descriptors:
             return self._descriptors[name]
         raise ParameterNotDeclaredException(name)
 
     def describe_parameters(self, names: list[str]) -> list[Any]:
-        """Return descriptors."""
+        """Return the descriptors of parameters; exceptions as of `describe_parameter`."""
         return [self.describe_parameter(name) for name in names]
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
-        """Set parameters one by one; a refused one does not keep the others from being set."""
+        """Set declared parameters independently; return a SetParametersResult for each."""
         self._check_declared(parameter_list)
         return [self._apply([parameter], self._descriptors) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """Set all parameters or, where one is refused, none."""
+        """Set all parameters or, if one is refused, none; return one SetParametersResult."""
         self._check_declared(parameter_list)
         return self._apply(parameter_list, self._descriptors)
 
@@ -250,7 +253,7 @@ class Parameters:
         return out_of_range(parameter, descriptor)
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
-        """Return the names below the prefixes, at most `depth` levels down; 0 is all levels."""
+        """Return a ListParametersResult of names below prefixes, to `depth` levels (0: all)."""
         result = ListParametersResult()
         for name in self._parameters:
             rests = (
@@ -271,5 +274,5 @@ class Parameters:
         return result
 
     def add_on_set_parameters_callback(self, callback: OnSet) -> None:
-        """Let a callback validate, by a SetParametersResult, before parameters are set."""
+        """Add a callback that may refuse parameters before they are set: SetParametersResult."""
         self._on_set.insert(0, callback)

@@ -19,7 +19,7 @@ _sequence = count(1)
 
 
 class ServiceEnd:
-    """One end of a service: a writer and a reader that know each other by an id."""
+    """One end of a service (client or server): a DDS writer and reader with a common id."""
 
     def __init__(
         self, participant: Participant, srv_type: Any, name: str, qos: QoSProfile, is_server: bool
@@ -45,19 +45,19 @@ class ServiceEnd:
         self.handle = self._writer.instance_handle & 0xFFFF_FFFF_FFFF_FFFF
 
     def send(self, message: Any, guid: int, sequence: int) -> None:
-        """Send a request or a reply."""
+        """Send a request or reply with its header: the client's handle and sequence number."""
         self._writer.write(self._raw(codec.serialize(message, HEADER.pack(guid, sequence))))
 
     def request(self, message: Any) -> int:
-        """Send a request; return the number that its reply will have."""
+        """Send a request and return the sequence number, which its reply will carry."""
         sequence = next(_sequence)
         self.send(message, self.handle, sequence)
         return sequence
 
     def take(self) -> list[tuple[int, int, int, Any]]:
-        """Take what came: (client's handle, number, handle of the writer, message).
+        """Return received (client's handle, sequence number, writer's handle, message) tuples.
 
-        Raises ValueError for what is no request or reply.
+        Raises ValueError for bytes that are no request or reply.
         """
         taken = []
         for sample in self.reader.take(16):
@@ -69,7 +69,7 @@ class ServiceEnd:
         return taken
 
     def wait_for_client(self, publication: int) -> None:
-        """Wait a moment for the reader of a client whose writer is known already."""
+        """Wait up to 0.1 s for the reader of the client whose writer has handle `publication`."""
         wanted = _user_data(self.reader.get_matched_publication_data, publication, 'clientid')
         deadline = time.monotonic() + MATCH_PATIENCE
         while wanted is not None and time.monotonic() < deadline:
@@ -78,7 +78,7 @@ class ServiceEnd:
             time.sleep(0.005)
 
     def server_is_there(self) -> bool:
-        """Tell whether a server has matched both with the writer and with the reader."""
+        """Return whether a server has matched both the writer and the reader."""
         readers = self._others(self._writer, 'serviceid')
         writers = self._others(self.reader, 'serviceid')
         return bool(readers & writers)
@@ -142,7 +142,7 @@ class ServiceEntity:
         raise NotImplementedError
 
     def destroy(self) -> None:
-        """Leave the service."""
+        """Release the DDS reader and writer."""
         self._end = None
 
 

@@ -41,19 +41,19 @@ class Sample(bytes):
 
 
 class RawSample:
-    """Gives bytes to the writer of the wheel, which asks them of `serialize`."""
+    """CDR bytes to be sent, in the form that the DDS writer of cyclonedds accepts."""
 
     def __init__(self, cdr: bytes):
         self.cdr = cdr
 
     def serialize(self, **_: Any) -> bytes:
-        """Return the bytes as they are."""
+        """Return the CDR bytes; arguments are ignored."""
         return self.cdr
 
 
 @cache
 def raw_type(dds_type_name: str) -> type[IdlStruct]:
-    """Return a type of this name whose samples are CDR bytes, not looked into."""
+    """Return a DDS type of this name whose samples are uninterpreted CDR bytes."""
     idl = make_idl_struct('Raw', dds_type_name, {'structure': uint8}, dataclassify=False)
     members = {'serialize': RawSample.serialize, '__init__': RawSample.__init__}
     for name, member in members.items():
@@ -129,16 +129,16 @@ class Participant:
         return topic
 
     def writer(self, name: str, type_name: str, qos: Qos) -> DataWriter:
-        """Make a writer; `name` and `type_name` are those of DDS."""
+        """Make a writer; name, type_name: of the DDS topic, such as `rt/joint_states`."""
         return DataWriter(self.dds, self._topic(name, type_name), qos)
 
     def reader(self, name: str, type_name: str, qos: Qos) -> DataReader:
-        """Make a reader; `name` and `type_name` are those of DDS."""
+        """Make a reader; name, type_name: of the DDS topic, such as `rt/joint_states`."""
         return DataReader(self.dds, self._topic(name, type_name), qos)
 
 
 class EntityWaitSet(WaitSet):
-    """A wait set that tells which of its entities triggered."""
+    """A DDS wait set that returns which of its entities triggered."""
 
     def __init__(self, participant: Participant):
         super().__init__(participant.dds)
@@ -150,17 +150,17 @@ class EntityWaitSet(WaitSet):
         self._slots = (ctypes.c_void_p * max(1, len(self.attached)))()
 
     def attach(self, entity: Entity) -> None:
-        """Wait for an entity as well."""
+        """Add an entity to those waited for."""
         super().attach(entity)
         self._refresh()
 
     def detach(self, entity: Entity) -> None:
-        """Wait for an entity no longer."""
+        """Remove an entity from those waited for."""
         super().detach(entity)
         self._refresh()
 
     def wait_for_entities(self, timeout_ns: int) -> list[Entity]:
-        """Block until an entity triggers or the time is up; return those that triggered."""
+        """Block until an entity triggers, at most timeout_ns; return those that triggered."""
         slots, entities = self._slots, self._entities
         count = self._wait_with_marks(self._ref, slots, len(slots), timeout_ns)
         marks = slots[: min(max(count, 0), len(slots))]
@@ -178,7 +178,7 @@ class EntityWaitSet(WaitSet):
 
 
 def unread(reader: DataReader) -> ReadCondition:
-    """Return the condition that a reader holds samples that were not taken."""
+    """Return a condition that is true while a reader has samples that were not taken."""
     return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
 
 

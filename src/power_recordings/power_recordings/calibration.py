@@ -40,7 +40,7 @@ class Calibration:
 
     @classmethod
     def load(cls, path: Path, drives: Sequence[str]) -> 'Calibration':
-        """Read a file; InputError unless it is a calibration of these drives."""
+        """Read a file for drives [D]; InputError if unreadable, or for a channel of others."""
         gain, offset = np.ones((2, len(drives))), np.zeros((2, len(drives)))
         places = {
             f'{drive}.{quantity}': (row, column)
@@ -57,7 +57,7 @@ class Calibration:
 
 
 def label(path: Path) -> str:
-    """Return a calibration's entry in a card: its file's name and the start of its SHA-256."""
+    """Return a calibration file's entry in a card, name and hash; InputError if unreadable."""
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
@@ -66,9 +66,10 @@ def label(path: Path) -> str:
 
 
 def onto(path: Path, channels: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Combine new channels with those of the file that was applied while they were measured.
+    """Combine new corrections with those of the file that was applied while they were measured.
 
-    true = new gain · (old gain · raw + old offset) + new offset; intervals are the new ones'.
+    true = new gain · (old gain · raw + old offset) + new offset. channels: as in the file, by
+    `drive.quantity`; intervals are the new ones, rescaled. InputError as of `Calibration.load`.
     """
     old = _read(path)[1]
     joined: dict[str, dict[str, Any]] = {}
@@ -86,13 +87,13 @@ def onto(path: Path, channels: Mapping[str, Mapping[str, Any]]) -> dict[str, dic
 
 
 def save(path: Path, channels: Mapping[str, object], about: Mapping[str, object]) -> None:
-    """Write a file that `Calibration.load` reads; `about` gives its origin."""
+    """Write a file that `Calibration.load` reads; `about`: further entries, on its origin."""
     text = dump_yaml({'channels': dict(channels), **about}, short_lists=True)
     write_whole(path, '# true value = gain · measured + offset\n' + text)
 
 
 def channels_of(path: Path) -> Mapping[str, object]:
-    """Return the channels of a file as they are written there; InputError as of `load`."""
+    """Return the unparsed entries of a calibration file by channel; InputError as of `load`."""
     return _read(path)[0]
 
 

@@ -76,12 +76,12 @@ class Card:
         return found if isinstance(found, Mapping) else {}
 
     def column(self, drive: str, quantity: str) -> str:
-        """Return what an imported signal was called in the user's log, in brackets; '' if none."""
+        """Return ` (column 'NAME')` with an imported signal's name in the log; '' if unknown."""
         name = (self._columns(drive) or {}).get(quantity)
         return f' (column {quoted(name)})' if isinstance(name, str) else ''
 
     def lacks(self, drive: str, quantity: str) -> bool:
-        """Return whether the map of an import names no column for a quantity."""
+        """Return whether the recording was imported without a column for a drive's quantity."""
         columns = self._columns(drive)
         derived = quantity == 'velocity' and drive in self.derived_velocity
         return columns is not None and quantity not in columns and not derived
@@ -98,7 +98,7 @@ class Card:
 
     @property
     def derived_velocity(self) -> tuple[str, ...]:
-        """Drives whose velocity an import took from the rate of their position."""
+        """Drives whose velocity an import computed by differentiating their position."""
         found = self.imported.get('velocity')
         return tuple(map(str, found)) if isinstance(found, Mapping) else ()
 
@@ -113,26 +113,27 @@ class Card:
 
     @classmethod
     def parse(cls, text: str, where: str) -> Self:
-        """Read a card from YAML; InputError, which begins with `where`, as of `load`."""
+        """Read a card from YAML; errors are as of `load` and begin with `where`."""
         return cls.of(parse_yaml(text, where), where)
 
     @classmethod
     def of_source(
         cls, torque: Mapping[str, str], torque_unit: Mapping[str, str], derived: Sequence[str] = ()
     ) -> Self:
-        """Return what a source knows of its drives.
+        """Build the card of one data source, such as a CAN bus, from facts on its drives.
 
-        torque: joint or motor, and torque_unit: A or N*m, by drive; derived: drives whose velocity
-        is the rate of their position.
+        torque (`joint` or `motor`) and torque_unit (`A` or `N*m`) are by drive; derived: drives
+        whose velocity is differentiated from their position.
         """
         card = cls.of({'torque': dict(torque), 'torque_unit': dict(torque_unit)})
         return card.with_derived_velocity(derived)
 
     @classmethod
     def of(cls, content: Mapping[str, Any] | None, where: str = 'card') -> Self:
-        """Build a card from keys and values as in the file, if any; numbers, dates become text.
+        """Build a card from the content of its file; None gives an empty card.
 
-        Raises InputError, which begins with `where`, for a value of a wrong type.
+        Numbers and dates become text where text is expected. Raises InputError, which begins with
+        `where`, for a value of a wrong type.
         """
         content = {} if content is None else content
         if not isinstance(content, Mapping):
@@ -146,9 +147,9 @@ class Card:
         return replace(parse(cls, known, where), other=other)
 
     def with_formulas(self, formulas: Mapping[str, str]) -> Self:
-        """Return the card with these formulas for the former ones, by drive.
+        """Return a card with new power formulas by drive, and these drives' power as `computed`.
 
-        The power of these drives is marked as computed. Itself for none.
+        The formulas replace all former ones; without any, the card is returned unchanged.
         """
         if not formulas:
             return self
@@ -157,14 +158,14 @@ class Card:
         return replace(self, power=power, other={**self.other, 'imported': imported})
 
     def with_derived_velocity(self, drives: Sequence[str]) -> Self:
-        """Return the card with the drives whose velocity is the rate of their position."""
+        """Return a card with drives whose velocity is differentiated; unchanged if imported."""
         if not drives or 'imported' in self.other:
             return self
         velocity = {'velocity': dict.fromkeys(drives, 'rate of position')}
         return replace(self, other={**self.other, 'imported': velocity})
 
     def with_mark(self, stamp_ns: int, text: str) -> Self:
-        """Return the card with a note of the time stamp_ns."""
+        """Return a card with one more mark: `text` at ROS time stamp_ns [ns]."""
         when = datetime.datetime.fromtimestamp(stamp_ns / 1e9, datetime.UTC)
         mark = CardNote(when.isoformat(timespec='milliseconds'), text)
         return replace(self, marks=(*self.marks, mark))

@@ -19,8 +19,8 @@ FORMAT: Final = 'motion/1'
 class MotionContent:
     """Content of a motion file: segments, or segments by mode, the first mode being the default.
 
-    loads: whether torques are in N·m or shares of the load's pull. reason, seconds: the motion's
-    purpose and length, as `power_lab diagnose` writes them for people.
+    loads: whether torques are in N·m or shares of the load's pull (its torque at a right angle).
+    reason, seconds: the motion's purpose and length, as `power_lab diagnose` writes them.
     """
 
     format: Literal['motion/1']
@@ -73,11 +73,11 @@ class MotionFile:
 
     @property
     def warms(self) -> bool:
-        """True if it depends on the winding temperature."""
+        """True if a segment ends at a winding temperature."""
         return any(segment.until_warmer for segment in self.segments)
 
     def with_pull(self, pull: float) -> 'MotionFile':
-        """Return the motion with shares turned into torques; pull: of the load, N·m."""
+        """Return the motion with shares times `pull`, N·m, as torques; InputError if that is 0."""
         if not self.shares:
             return self
         if not pull > 0.0:
@@ -149,7 +149,7 @@ MOTIONS: Final = tuple(sorted(path.stem for path in _FOLDER.glob('*.yaml')))
 
 
 def find_motion(wanted: str, mode: str | None = None) -> MotionFile:
-    """Return a shipped motion or that of a file; InputError for one that is not there."""
+    """Load a motion by shipped name or file; mode and InputError as of `MotionFile.load`."""
     if wanted in MOTIONS:
         return MotionFile.load(_FOLDER / f'{wanted}.yaml', mode)
     path = Path(wanted)

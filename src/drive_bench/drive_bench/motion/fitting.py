@@ -21,10 +21,10 @@ def fitted(
     limits: JointLimits,
     ramps: Ramps | None = None,
 ) -> tuple[MotionFile, tuple[str, ...]]:
-    """Return the motion within the limits of a joint from a position, rad, and the changes.
+    """Return a motion adapted to a joint's limits, and sentences on the changes.
 
-    Passes there and back are split into shorter ones of the same total duration; swings,
-    speeds and torques are reduced. Plan.check refuses what cannot be adapted.
+    start: position, rad. Passes there and back are split into shorter ones of the same total
+    duration; swings, speeds and torques are reduced. `Plan.check` refuses what still exceeds.
     """
     fitter = _Fitter(start, mounting, limits, ramps or Ramps())
     segments, index = list(motion.segments), 0

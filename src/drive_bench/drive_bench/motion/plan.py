@@ -23,7 +23,7 @@ _STEP = 1e-3  # s, of the integral of speed
 
 
 class WavePath(SegmentPath):
-    """Targets of a segment with a shape or swing; in position mode after the way to its middle.
+    """Targets of a segment with a shape or swing, after a transition to its middle position.
 
     Half cosines join levels of position, ramps those of speed and torque; squares of position and
     torque jump. Under torque commands the position is unknown beforehand.
@@ -57,7 +57,7 @@ class WavePath(SegmentPath):
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Lowest and highest target, rad; of a torque only where it begins."""
+        """Lowest and highest target, rad; in torque mode the initial position alone."""
         if self.segment.free:
             return (
                 self._start + float(self._travel.min()),
@@ -68,7 +68,7 @@ class WavePath(SegmentPath):
         return min(ends), max(ends)
 
     def at(self, time: float) -> Target:
-        """Return the target at a time, s."""
+        """Return the target at a time, s after the segment's start."""
         mode = self.segment.mode
         if mode == 'torque':
             return Target(self._start, effort=self._value(time), mode=mode)
@@ -128,8 +128,8 @@ class WavePath(SegmentPath):
 class Plan:
     """Targets of a whole motion for a joint that starts at a position, rad.
 
-    With ramps, a swing fades in and out within a period, and at the end the joint returns to
-    where it carries no load.
+    Unless `ramps` is JUMPS, swings fade in and out within a period. At the end the joint returns
+    to where it carries no load.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class Plan:
         self.begin_anew(0, start)
 
     def begin_anew(self, first: int, start: float) -> None:
-        """Plan the segments from index first on again, from a position, rad."""
+        """Plan the segments from index `first` on again, starting at a position, rad."""
         del self.paths[first:], self._begins[first:]
         position, free = start, False
         for segment in self._segments[first:]:

@@ -19,7 +19,7 @@ class Mounting:
     """Load that a drive turns.
 
     pendulum: torque with which gravity pulls at a right angle, N·m; 0 for none. hanging: angle at
-    which it hangs, rad. locked: the joint cannot turn. InputError for what cannot be.
+    which it hangs, rad. locked: the joint cannot turn. InputError for impossible values.
     """
 
     pendulum: float = 0.0
@@ -52,8 +52,8 @@ class Mounting:
 class Ramps:
     """Limits of the transitions from one target to the next.
 
-    way: largest speed on the way to where a segment begins, rad/s. acceleration: of what a
-    segment asks for, rad/s². torque: N·m/s at which a locked joint is loaded.
+    way: largest speed on the way to where a segment begins, rad/s. acceleration: largest in
+    transitions and speed changes, rad/s². torque: N·m/s at which a locked joint is loaded.
     """
 
     way: float = 1.0
@@ -61,7 +61,7 @@ class Ramps:
     torque: float = 40.0
 
     def way_seconds(self, distance: float) -> float:
-        """Return the duration of a half cosine over a distance, rad, within these limits, s."""
+        """Return the shortest duration, s, of a half cosine over a distance, rad."""
         d = abs(distance)
         by_speed = 0.5 * math.pi * d / self.way
         return max(by_speed, math.pi * math.sqrt(0.5 * d / self.acceleration))
@@ -129,7 +129,7 @@ class SegmentPath:
         return min(ends), max(ends)
 
     def at(self, time: float) -> Target:
-        """Return the target at a time, s."""
+        """Return the target at a time, s after the start of the transition."""
         segment = self.segment
         if segment.turns:
             return self._turning(time)
@@ -173,6 +173,6 @@ class SegmentPath:
 
 
 def half_cosine(share: float) -> tuple[float, float]:
-    """Return the place 0..1 and its derivative at a share 0..1 of the time."""
+    """Return position 0..1 and its derivative of a half cosine at a share 0..1 of its duration."""
     angle = math.pi * share
     return 0.5 * (1.0 - math.cos(angle)), 0.5 * math.pi * math.sin(angle)

@@ -28,7 +28,7 @@ class Oscillation:
         self._all = self.turns(seconds)
 
     def turns(self, time: float) -> float:
-        """Return the periods since the start."""
+        """Return the number of periods up to a time, s."""
         if not self._lowest or self._lowest == self._frequency:
             return self._frequency * time
         rate = self._frequency / self._lowest
@@ -36,7 +36,7 @@ class Oscillation:
         return self._lowest * self._seconds * share / log(rate)
 
     def at(self, time: float) -> float:
-        """Return the value at a time, s."""
+        """Return the value, −1 to 1, at a time, s."""
         turns = self.turns(time)
         share = 1.0 if self._abrupt else max(0.0, min(1.0, turns, self._all - turns))
         return share * sin(2.0 * pi * turns)

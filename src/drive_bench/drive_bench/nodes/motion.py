@@ -33,7 +33,7 @@ _Action = Callable[[MotionRun, float], tuple[bool, str]]
 class MotionNode(Node):
     """Node of one motion, recorded if the options say so.
 
-    done: a future of the exit code. InputError for options or parameters that cannot be met.
+    done: a future of the exit code. InputError for invalid options or ROS parameters.
     """
 
     def __init__(self, options: RunOptions, motion: MotionFile) -> None:
@@ -76,7 +76,7 @@ class MotionNode(Node):
         self.create_timer(1.0, self._check, clock=steady)
 
     def stop(self) -> int | None:
-        """Damp moving drives and file the recording; return the exit code if it is known."""
+        """Damp moving drives and complete the recording; return the exit code, None if unknown."""
         code: int | None = self.done.result() if self.done.done() else None
         if self._run is not None and self._run.active:
             self._run.stop(self._now())

@@ -25,7 +25,7 @@ class WindingTemperature:
         self._read: dict[str, tuple[float, float]] = {}
 
     def on_supply(self, names: Sequence[str], celsius: Sequence[float], now: float) -> None:
-        """Take temperatures of drive_supply: one for each name, or none where unknown."""
+        """Store temperatures, °C, that came at `now`, s: one per name, or none if unknown."""
         for place, name in enumerate(names):
             if len(celsius) == len(names):
                 self._read[name] = float(celsius[place]), now
@@ -107,14 +107,14 @@ class MotionPolicy:
         self.mode, self.blocked = 'position', ''
 
     def take_over(self) -> float:
-        """Begin from the first segment; return the s for which it takes no commands."""
+        """Begin from the first segment; return the motion's duration, s, without commands."""
         self.reset()
         return self.motion.seconds
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
-        """Return joint targets, rad [D]."""
+        """Return joint targets, rad [D], at a time, s; command and base_velocity are ignored."""
         since = 0.0 if self._last is None else min(max(time - self._last, 0.0), _LONGEST_STEP)
         self._last = time
         for place, player in self._players.items():

@@ -30,7 +30,7 @@ _NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
 
 
 def present(inputs: Inputs) -> list[bool]:
-    """Return the presence of each joint: drives missing on a bus read zeros only."""
+    """Return for each joint whether its drive is present; missing ones report zeros only."""
     effort = inputs.effort if len(inputs.effort) else np.zeros(len(inputs.joint_names))
     found: list[bool] = np.any((inputs.position, inputs.velocity, effort), axis=0).tolist()
     return found
@@ -127,12 +127,12 @@ class Command:
 
 
 class MotionRun:
-    """Motion on the joints of a robot, under the supervisor that also runs policies.
+    """Motion of `drives` among the joints of a robot, under the supervisor for policies.
 
-    limits: by joint, at least for the drives. damp_others: a drive may leave position mode though
-    other joints are present, which are then damped instead of held. fit: change a motion that
-    leaves the limits, see `notes`, instead of refusing it. InputError for a drive that is no
-    joint of the robot or has no limits.
+    limits: by joint, at least for the drives. damp_others: damp the other joints instead of
+    holding them, which allows velocity and torque mode. fit: adapt a motion that leaves the limits
+    (changes are in `notes`) instead of refusing it. InputError for a drive that is no joint of the
+    robot or has no limits.
     """
 
     def __init__(
@@ -217,7 +217,7 @@ class MotionRun:
         )
 
     def progress(self, recorded: bool) -> str:
-        """Return the reason with the time that is left; unrecorded, what to do after the end."""
+        """Return `reason` with the time left; after an unrecorded end, what to do next."""
         if self.active:
             return f'{self.reason}; {self.policy.left:.0f} s left'
         if recorded or not self._done:
@@ -235,7 +235,7 @@ class MotionRun:
         return f'the motion asks to be repeated at {again} of supply' if again else ''
 
     def count_publishers(self, count: int) -> None:
-        """Take the number of nodes that publish joint_commands, this one included."""
+        """Set the number of nodes that publish joint_commands; more than this one is a fault."""
         if count > 1:
             self.inputs.complaints['joint_commands'] = (
                 f'{count} nodes publish joint_commands; stop all but this one'
@@ -251,7 +251,7 @@ class MotionRun:
         return {'motion': self.motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
 
     def unsound(self, now: float) -> str:
-        """Return the reason why it could not begin now, or ''."""
+        """Return the reason why the motion could not begin at `now`, s; '' if it could."""
         fault = self.monitor.inputs(self.inputs, now)
         return '' if fault is None else str(fault)
 
@@ -265,7 +265,7 @@ class MotionRun:
         self._prepare()
 
     def start(self, now: float) -> tuple[bool, str]:
-        """Begin, if that is safe; return whether it does, and the time to go or the reason."""
+        """Begin if it is safe; return whether it began, and the time left or the reason."""
         if self.active:
             return True, self.reason
         fault = self.monitor.inputs(self.inputs, now)
@@ -301,11 +301,11 @@ class MotionRun:
         self.policy.motion = self.motion
 
     def stop(self, now: float) -> tuple[bool, str]:
-        """Damp and end."""
+        """Damp all joints and end the motion; return success and a message."""
         return self._supervisor.stop(now)
 
     def emergency_stop(self, now: float) -> tuple[bool, str]:
-        """Damp and end as after a fault."""
+        """Damp all joints as after a fault; return success and a message."""
         return self._supervisor.emergency_stop(now)
 
     def update(self, now: float) -> Command | None:

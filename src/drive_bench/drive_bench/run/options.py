@@ -43,7 +43,11 @@ _DRIVE_HELP: Final = (
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options; record: the bag, '' for one with a new name, None for no recording."""
+    """Options of `drive_bench run`; SI units.
+
+    record: the bag, '' for one with a new name, None for no recording. patience: s to wait for
+    topics before the recording, PATIENCE if None.
+    """
 
     motion: str
     drive: tuple[str, ...] = ()
@@ -91,7 +95,7 @@ class RunOptions:
 
     @property
     def load_text(self) -> str:
-        """Load in a word or two."""
+        """Load as text, such as `locked` or `2 N·m`."""
         if self.load is not None:
             return str(self.load)
         if self.locked:
@@ -114,7 +118,7 @@ class RunOptions:
         return free_name(Path('bags/bench'), '_'.join(word for word in words if word))
 
     def card_entries(self, motion: MotionFile, drives: Sequence[str]) -> dict[str, str]:
-        """Return the card by keys, before the motion is complete."""
+        """Return the entries of the recording's card, marked as not complete."""
         mode = motion.mode or 'position'
         content: Mapping[str, str] = {
             'robot': 'bench',
@@ -135,7 +139,7 @@ class _List(argparse.Action):
 
 
 def parse(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> RunOptions:
-    """Parse the arguments, those for ROS removed; SystemExit 2 for unknown ones."""
+    """Parse arguments without those for ROS; SystemExit 2 for wrong ones."""
     add = parser.add_argument
     add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')
     add('--list', nargs=0, action=_List, help='list the motions with their modes and end')
@@ -181,10 +185,9 @@ def check_new(bag: Path) -> None:
 def resolve(
     wanted: Sequence[str], joints: Sequence[str], there: Sequence[bool]
 ) -> tuple[str, ...]:
-    """Return joints by name or by its end: KFE is LF_KFE where no other joint _KFE is present.
+    """Return joints by full name or ending: KFE is LF_KFE if no other joint _KFE is present.
 
-    there: whether each joint is present. InputError for none or several that fit; a full name
-    comes first.
+    there: whether each joint is present. InputError if none or several match.
     """
     return tuple(dict.fromkeys(_one(name, joints, there) for name in wanted))
 

@@ -30,8 +30,8 @@ _PATIENCE: Final = 30.0  # s to close a bag
 class RecorderProcess:
     """Child process of `ros2 run power_daq record`, in a session without the terminal's Ctrl-C.
 
-    The drives have to be damped first, so the recorder is ended by `stop` only, or by itself
-    after `longest` s in case that this process is killed.
+    It ends on `stop`, or after `longest` s if this process is killed. card: entries by key; ros:
+    further arguments for ROS.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class RecorderProcess:
 
     @property
     def ended(self) -> str:
-        """Reason for its end, or '' while it runs."""
+        """Reason for the recorder's end, '' while it runs."""
         code = self._process.returncode
         if code is None:
             return ''
@@ -57,7 +57,7 @@ class RecorderProcess:
         return f'the recorder ended: {last.partition("record: ")[2] or last}'
 
     def stop(self) -> tuple[str, ...]:
-        """End it in good order and return the lines of its summary."""
+        """End the recorder with SIGINT and return the lines of its summary."""
         place = len(self._process.output)
         self._process.end(_PATIENCE, [signal.SIGINT])
         lines = self._process.output[place:].splitlines()
@@ -67,9 +67,9 @@ class RecorderProcess:
 def file_away(
     run: MotionRun, recorder: RecorderProcess, reason: str, report: Path | None, out: TextIO
 ) -> int:
-    """End the recorder, write the card, check the bag and print the table.
+    """End the recorder, write the card, check the bag and print the table to `out`.
 
-    report: a JSON file for the check. Returns 1 if the recording is of no use, else 0.
+    reason: why the motion ended. report: JSON file for the check. Returns 1 if unusable, else 0.
     """
     died = recorder.ended
     summary = recorder.stop()
@@ -125,8 +125,7 @@ _SPARE: Final = 600.0  # s by which a recorder outlasts its motion at most, if t
 class MotionRecording:
     """Recording of one motion; `advance` is called at 10 Hz.
 
-    ros: arguments for ROS that the recorder gets, such as its namespace. moved: whether the
-    motion has begun.
+    ros: arguments for ROS that the recorder gets, such as its namespace.
     """
 
     def __init__(self, options: RunOptions, ros: Sequence[str] = ()) -> None:
@@ -140,7 +139,7 @@ class MotionRecording:
         self._moved = False
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Take the recorder's message counts from diagnostics."""
+        """Read the recorder's message counts from a message of `diagnostics`."""
         for status in message.status:
             if status.name == f'{NAME}: bag':
                 self._counts = {
@@ -150,7 +149,7 @@ class MotionRecording:
                 }
 
     def advance(self, run: MotionRun | None, now: float, supplied: bool) -> str:
-        """Start the recorder and then the motion, once each can; return what is waited for, or ''.
+        """Start the recorder, then the motion, once each can; return what it waits for, or ''.
 
         now: s on the clock of the run. supplied: whether drive_supply has a publisher. InputError
         if they cannot start. A recorder that ends during the motion damps the drives.
@@ -203,7 +202,7 @@ class MotionRecording:
                 raise InputError(reason)
 
     def finish(self, run: MotionRun | None) -> int:
-        """End the recorder, file and check the bag; 1 for one of no use, 0 if none was begun."""
+        """End the recorder and check the bag; return 1 if it is unusable, 0 if good or absent."""
         if run is None or self._recorder is None:
             return 0
         reason = run.reason if run.code is not None else self._reason

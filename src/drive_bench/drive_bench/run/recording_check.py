@@ -23,7 +23,7 @@ _SMOOTH = 5  # samples of speed over which acceleration is taken
 
 @dataclass(frozen=True)
 class CheckRow:
-    """One line of the check; amiss is empty if all is well."""
+    """One line of the check: requested and reached value; amiss: the deficiency, '' if none."""
 
     name: str
     asked: str
@@ -33,20 +33,20 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class RecordingCheck:
-    """Rows of a table, and figures by name; None for unknown ones."""
+    """Result of a check: rows of a table, and figures by name (None if unknown)."""
 
     rows: tuple[CheckRow, ...]
     figures: dict[str, float | None]
 
     @property
     def usable(self) -> bool:
-        """True with valid samples of drives, and samples of joints."""
+        """True if there are valid samples of power and samples of joints."""
         known = self.figures.get('power_mean') is not None
         return known and bool(self.figures.get('joint_samples'))
 
     @property
     def amiss(self) -> tuple[str, ...]:
-        """Deficiencies in words."""
+        """Deficiencies as text, with the names of their rows."""
         return tuple(f'{row.name}: {row.amiss}' for row in self.rows if row.amiss)
 
 
@@ -55,7 +55,8 @@ def check(
 ) -> RecordingCheck:
     """Read a bag back and compare one drive's recording with its motion.
 
-    complete: whether the motion was done to its end; else nothing is short of what was asked.
+    complete: whether the motion reached its end; else no shortfall is reported. An unreadable bag
+    is a row of the result, not an error.
     """
     try:
         recording = Recording.open(bag)

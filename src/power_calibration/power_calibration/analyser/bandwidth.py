@@ -49,8 +49,9 @@ class Loss:
 
 
 def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response | None:
-    """Compare one signal of ours with the reference's, both as sampled; None if too short.
+    """Estimate the transfer function from a reference's signal to ours; None if too short.
 
+    Both curves hold one signal, unfiltered.
     A reference of at least 2.5 times our rate is used up to 0.45 of our rate, a slower one up to a
     tenth of its own. Rows of the analyser may be samples or means over their period: the −3 dB
     point is midway between both hypotheses, and its interval covers both. At 336 Hz they differ

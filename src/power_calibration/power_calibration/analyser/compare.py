@@ -26,7 +26,10 @@ from power_calibration.analyser.reference_fit import (
 
 
 class SignalPair:
-    """Meter and reference, low-passed alike; `mean`: width of an average of the meter's, s."""
+    """Meter (ours) and reference with the same K channels, low-passed alike for `rate` Hz.
+
+    mean: width in s of an additional moving average on the meter's signals.
+    """
 
     def __init__(self, ours: Curve, reference: Curve, rate: float, mean: float = 0.0) -> None:
         self.raw = reference
@@ -39,10 +42,10 @@ class SignalPair:
         return fit_reference(self._ours, self._reference, match, self._rate)
 
     def aliases(self, clock: Clock, period: float) -> Floats:
-        """Return what sampling at a period in s aliases into the band of the fit, RMS [K].
+        """Return the RMS [K] that sampling with a period, s, aliases into the band of the fit.
 
-        It is that of the reference, damped as by a first-order filter at a third of the meter's
-        rate; 0 for a reference under 2.5 times that rate, which does not show it.
+        Taken from the reference, with a first-order filter at a third of the meter's rate; 0 for a
+        reference below 2.5 times that rate.
         """
         if self.raw.period > 0.4 * period:
             return np.zeros(self.raw.runs[0][1].shape[1])
@@ -61,7 +64,10 @@ class SignalPair:
 
 
 def signal_curves(measured: MeasuredDrive, log: Log) -> tuple[list[str], Curve, Curve]:
-    """Return the channels to fit, and both curves: these channels, then power if it is known."""
+    """Return names of the channels to fit, and curves of drive and log with these channels.
+
+    Channels are voltage and current as far as logged; power, if known, is the last column.
+    """
     volts, amps, watts = log.voltage, log.current, log.watts
     if amps is None and volts is not None and log.power is not None:
         amps = log.power / np.where(np.abs(volts) > 1e-3, volts, np.nan)
@@ -95,8 +101,8 @@ def compare_with_analyser(
 ) -> AnalyserComparison:
     """Align a log with a recording and estimate the corrections of its channels.
 
-    InputError where they do not overlap or correlate, with the best correlation that was found,
-    and for gains outside 0.5..2, which indicate another unit.
+    progress: is called with the present step as text. InputError where they do not overlap or
+    correlate, with the best correlation, and for gains outside 0.5..2 (another unit).
     """
     if log.rate < _SLOWEST:
         raise InputError(

@@ -25,7 +25,7 @@ _LOWEST_BANDWIDTH = 0.2  # of our sampling rate, of a meter that is not itself a
 
 
 def row_kind(ours: Curve, reference: Curve, clock: Clock, period: float) -> RowKind | None:
-    """Compare two hypotheses on the rows of a reference by their residuals; None if neither wins.
+    """Decide whether rows of a reference are samples or means over their period; None if unclear.
 
     Both curves hold the same K channels as sampled; period: s between rows. Under either
     hypothesis ours = slope·reference + level + bend·reference'', with one side averaged over the
@@ -105,7 +105,7 @@ class Channel:
 
 
 def correction_of(channels: dict[str, Channel]) -> tuple[Floats, Floats]:
-    """Return gains and offsets of voltage and current; 1 and 0 where nothing was fitted."""
+    """Return gains [2] and offsets [2], V and A, of voltage and current; 1 and 0 if not fitted."""
     gain, offset = np.ones(2), np.zeros(2)
     for place, name in enumerate(('voltage', 'current')):
         if name in channels:
@@ -147,14 +147,14 @@ class AnalyserComparison:
         return self.fit.drift.times(1e6)
 
     def powers(self) -> tuple[Floats, Floats, Floats]:
-        """Times [T], our power before and after [T, 2] and the reference's [T], as `powers`."""
+        """Return times, our power before and after correction, and the reference's: `powers`."""
         correction = correction_of(self.channels)
         return powers(
             self.measured, self.log, self.fit, correction, self.error_rate, self.row_kind
         )
 
     def json(self) -> dict[str, Any]:
-        """Return the result as `calibrate --json` writes it."""
+        """Return the result as nested dicts, as `calibrate --json` writes it."""
         bandwidth: dict[str, Any] | None = None
         if self.response is not None:
             cutoff = self.response.cutoff
@@ -215,8 +215,8 @@ def powers(
 ) -> tuple[Floats, Floats, Floats]:
     """Return times in s [T], our power before and after [T, 2] and the reference's [T], in W.
 
-    All are low-passed to a rate in Hz. Where the log lacks voltage or current, ours after
-    correction takes its place. NaN in gaps.
+    All are low-passed for `rate` Hz. correction: see `correction_of`. Where the log lacks voltage
+    or current, ours after correction takes its place. NaN in gaps.
     """
     recorded, corrected = measured.power.runs, measured.corrected(*correction).runs
     runs = [(t, np.hstack([p, c])) for (t, p), (_, c) in zip(recorded, corrected, strict=True)]

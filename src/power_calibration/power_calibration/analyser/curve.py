@@ -61,11 +61,11 @@ class Curve:
         return float(self.runs[0][0][0]), float(self.runs[-1][0][-1])
 
     def columns(self, chosen: slice) -> 'Curve':
-        """Return some of the signals."""
+        """Return the curve of a slice of the K signals."""
         return Curve(tuple((time, values[:, chosen]) for time, values in self.runs), self.period)
 
     def filtered(self, taps: Floats, every: int = 1) -> 'Curve':
-        """Return the curve through a centred FIR filter, of which every n-th sample is kept.
+        """Return the curve filtered by centred FIR taps; every `every`-th sample is kept.
 
         Each run loses half the filter at both ends; runs that are too short are left out.
         """
@@ -165,7 +165,7 @@ class Match:
 
 
 def matches(ours: Curve, reference: Curve) -> tuple[list[Match], Match]:
-    """Return the best matches of a reference curve with ours, best first, and the most negative.
+    """Return the best matches of a reference with ours, best first, and the most anticorrelated.
 
     Both hold one signal, low-passed to RATE. The list is empty where they overlap nowhere for 3 s.
     Scores are Fisher's z of the correlation times the root of the overlap, so that a short overlap
@@ -247,13 +247,13 @@ class MeasuredDrive:
         return self.corrected(np.ones(2), np.zeros(2))
 
     def corrected(self, gain: Floats, offset: Floats) -> Curve:
-        """Return power with gains and offsets of voltage and current [2], W."""
+        """Return power, W, with voltage and current each · gain [2] + offset [2]."""
         runs = ((time, values * gain + offset) for time, values in self.curve.runs)
         return Curve(tuple((t, v[:, :1] * v[:, 1:]) for t, v in runs), self.curve.period)
 
     @classmethod
     def of(cls, recording: Recording, drive: str | None) -> 'MeasuredDrive':
-        """Take one drive of a recording, its only one if None.
+        """Take one measured drive of a recording; None takes the only one.
 
         InputError for a drive that was not measured, whose current is constant, or whose samples
         are out of range or NaN in over 5 %.

@@ -40,7 +40,7 @@ def rows(found: AnalyserComparison) -> list[tuple[str, str, str, str]]:
 
 
 def calibration_sentences(found: AnalyserComparison) -> list[str]:
-    """Return the errors of power before and after, and the power above our bandwidth."""
+    """Return sentences on the errors of power before and after, and power above our bandwidth."""
     text = [
         f'Error of power at {found.error_rate:.0f} Hz: {found.before:.3f} W RMS as recorded '
         f'(mean {found.mean_before:+.3f} W), {found.after:.3f} W calibrated '
@@ -71,7 +71,7 @@ _ORANGE = OTHERS[0]
 
 
 def draw_calibration(found: AnalyserComparison, *, dark: bool = False) -> Figure:
-    """Draw power of both with the residual, the transfer function, and the spectrum."""
+    """Draw power by meter and analyser, the residual, the transfer function, and the spectrum."""
     with style(dark) as ink:
         figure = Figure(figsize=(9, 8.2), layout='constrained')
         grid = figure.add_gridspec(3, 2, height_ratios=[1.5, 0.9, 1.2])
@@ -193,7 +193,7 @@ def _spectrum(found: AnalyserComparison, axis: Axes, ink: str) -> None:
 
 
 def write_calibration_page(path: Path, found: AnalyserComparison) -> None:
-    """Write errors, figure, table of corrections, and method."""
+    """Write an HTML page with errors, figure, table of corrections, and method."""
     page = Page(f'Calibration of {found.measured.drive}')
     page.add(f'<h1>{escape(page.title)}</h1>')
     for sentence in calibration_sentences(found):

@@ -77,7 +77,7 @@ class Log:
         return None
 
     def curve(self, values: Floats) -> Curve:
-        """Return values of the rows, [N] or [N, K], as a curve."""
+        """Return values of the N rows, [N] or [N, K], as a curve with the log's times."""
         columns = values.reshape(len(values), -1)
         return Curve.of(self.time, columns, self.starts, self.stops, self.period)
 
@@ -108,7 +108,7 @@ class Log:
     def of(cls, path: Path, names: Sequence[str], rows: Floats, told: Sequence[str] = ()) -> 'Log':
         """Make a log of rows [N, K]: time and the named quantities, in s, V, A and W.
 
-        told: notes of whoever read them. InputError as of `read`.
+        told: notes of the reader, kept in `notes`. InputError as of `read`.
         """
         notes = list(told)
         whole = np.isfinite(rows).all(axis=1)

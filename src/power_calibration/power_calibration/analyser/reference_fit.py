@@ -16,7 +16,7 @@ _LEVEL = 0.95
 
 
 def blocks_of(time: Floats) -> NDArray[np.intp]:
-    """Return the block of each of T ascending times: 5 to 60 blocks, of 1 s or more if it can."""
+    """Divide ascending times [T] into 5 to 60 blocks, of 1 s or more; return block indices [T]."""
     span = float(time[-1] - time[0])
     count = int(np.clip(span / _LEAST_BLOCK, _FEWEST_BLOCKS, _MOST_BLOCKS))
     owner = np.minimum(((time - time[0]) / (span / count)).astype(np.intp), count - 1)
@@ -27,8 +27,8 @@ def blocks_of(time: Floats) -> NDArray[np.intp]:
 def left_out(jacobian: Floats, residual: Floats, owner: NDArray[np.intp]) -> Floats:
     """Solve jacobian [R, P] · change = residual [R] without each block in turn: changes [B, P].
 
-    Columns of zeros stay at 0. The spread of the changes is the sandwich estimate CR3, which
-    includes any correlation of the residuals within a block.
+    owner: block of each row [R]. Parameters with a column of zeros stay at 0. The spread of the
+    changes is the sandwich estimate CR3, which includes correlation within a block.
     """
     size = np.sqrt((jacobian**2).sum(axis=0))
     used = size > 0
@@ -46,7 +46,7 @@ def left_out(jacobian: Floats, residual: Floats, owner: NDArray[np.intp]) -> Flo
 
 
 def half_width(replicas: Floats) -> Floats:
-    """Return half the 95 % interval by Student's t, from values without each block [B, P]."""
+    """Return half the 95 % interval [P] by Student's t, from jackknife values [B, P]."""
     count = len(replicas)
     variance = (count - 1) / count * ((replicas - replicas.mean(axis=0)) ** 2).sum(axis=0)
     quantile = float(student.ppf(0.5 + 0.5 * _LEVEL, count - 1))
@@ -67,20 +67,20 @@ class IntervalEstimate:
 
     @property
     def interval(self) -> list[float]:
-        """Limits as a list."""
+        """Limits as [low, high]."""
         return [self.low, self.high]
 
     @classmethod
     def of(cls, value: float, half: float) -> 'IntervalEstimate':
-        """Make one from half the width of its interval."""
+        """Make an estimate with the interval value ± half."""
         return cls(value, value - half, value + half)
 
     def times(self, factor: float) -> 'IntervalEstimate':
-        """Return it in another unit."""
+        """Return value and interval multiplied by a positive factor."""
         return IntervalEstimate(self.value * factor, self.low * factor, self.high * factor)
 
     def widened(self, by: float) -> 'IntervalEstimate':
-        """Return it with an independent error added to half the width as squares."""
+        """Return the estimate with an independent error added in quadrature to the half width."""
         return self.of(self.value, float(np.hypot(0.5 * (self.high - self.low), by)))
 
 
@@ -96,11 +96,11 @@ class Clock:
     centre: float
 
     def reference(self, ours: Floats) -> Floats:
-        """Return the reference's times at ours, s."""
+        """Return the reference's times for ours, s [T]."""
         return np.asarray(self.centre + (ours - self.centre - self.offset) * (1.0 + self.drift))
 
     def ours(self, reference: Floats) -> Floats:
-        """Return our times at the reference's, s."""
+        """Return our times for the reference's, s [T]."""
         since = (reference - self.centre) / (1.0 + self.drift)
         return np.asarray(self.centre + self.offset + since)
 
@@ -189,7 +189,7 @@ class _Problem:
 
 
 def with_aliases(found: ReferenceFit, aliases: Floats) -> ReferenceFit:
-    """Return the fit with intervals that allow for what sampling aliases into the band, RMS [K].
+    """Return the fit with intervals widened for aliases, RMS [K] as of `SignalPair.aliases`.
 
     A motion that repeats in step with our samples aliases its fast harmonics onto the slow ones at
     a fixed phase, which no averaging removes: at worst a gain error of alias/spread and a time

@@ -27,7 +27,7 @@ from power_recordings import calibration
 
 
 def run(options: argparse.Namespace) -> None:
-    """Compare, and write the calibration and the outputs asked for; 2 for bad input."""
+    """Compare, and write the calibration and requested outputs; InputError for bad input."""
     check_recordings([options.recording])
     with progress(f'reading {options.recording}') as show:
         measured = MeasuredDrive.of(Recording.open(options.recording), options.drive)

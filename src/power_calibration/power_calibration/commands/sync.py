@@ -20,7 +20,7 @@ from power_calibration.timing.summary import MATTERS, Summary, summarise
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure and report; 2 for bad input."""
+    """Measure the delays of a recording and report them; InputError for bad input."""
     check_recordings([options.recording])
     with progress(f'reading {options.recording}') as show:
         found = summarise(Recording.open(options.recording), options.drives, show)

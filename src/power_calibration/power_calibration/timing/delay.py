@@ -32,7 +32,7 @@ class ShaftSpring:
     relaxation: float
 
     def moved(self, compliance: float, relaxation: float) -> 'ShaftSpring':
-        """Return it with changes added, within 60 N·m/rad to rigid and 0 to 30 ms."""
+        """Return the spring with changes added, clipped to 0..1/60 rad/(N·m) and 0..30 ms."""
         return ShaftSpring(
             float(np.clip(self.compliance + compliance, 0.0, _SOFTEST)),
             float(np.clip(self.relaxation + relaxation, 0.0, _SLOWEST)),
@@ -135,9 +135,10 @@ class Delay:
     seconds: float
 
     def error_at(self, shift: float) -> tuple[float, float]:
-        """Return the error by a shift in s, mean of both signs: W, and % of power's deviation.
+        """Return the error by a shift in s: W RMS, and % of power's standard deviation.
 
-        It is the change of the power itself, so that even an exact model has this error.
+        It is the change of the power itself, so that even an exact model has this error. Mean of
+        both signs of the shift.
         """
         watts = float(np.interp(shift, SHIFTS, self.moved) + np.interp(-shift, SHIFTS, self.moved))
         return 0.5 * watts, 50.0 * watts / self.power

@@ -25,7 +25,7 @@ STREAM_COLUMNS = ('stream', 'samples', 'rate [Hz]', 'jitter [µs]', 'p99 [µs]',
 
 
 def drive_rows(found: Summary) -> list[tuple[str, ...]]:
-    """Return the delay of each drive, and the change of its power by shifts."""
+    """Return the cells of DRIVE_COLUMNS for each drive."""
     table = []
     for item in found.delays:
         if item.delay is None:
@@ -42,7 +42,7 @@ def drive_rows(found: Summary) -> list[tuple[str, ...]]:
 
 
 def stream_rows(found: Summary) -> list[tuple[str, ...]]:
-    """Return rate, jitter and losses of each stream."""
+    """Return the cells of STREAM_COLUMNS for each stream."""
     return [
         (
             stream.topic,
@@ -65,7 +65,7 @@ _MOST_LINES = 12
 
 
 def draw_timing(found: Summary, *, dark: bool = False) -> Figure:
-    """Draw six panels; that of step responses replaces the fits where commands have steps."""
+    """Draw errors, delays, step responses (else fits), jitter, clock and smoothing."""
     with style(dark) as ink:
         blue = _BLUE[dark]
         figure = Figure(figsize=(9.6, 9.2), layout='constrained')
@@ -201,7 +201,7 @@ def _smoothing(axis: Axes, ink: str, blue: str) -> None:
 
 
 def write_timing_page(path: Path, found: Summary) -> None:
-    """Write verdict, figure and tables."""
+    """Write an HTML page with verdict, figure and tables."""
     page = Page(f'Synchronisation of {found.recording}')
     page.add(f'<h1>{escape(page.title)}</h1>')
     page.text(found.verdict)

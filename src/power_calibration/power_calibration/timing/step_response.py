@@ -20,10 +20,10 @@ _FIELDS = ('position', 'velocity', 'effort')
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Mean response of one drive to steps of its command, stacked at the commands' stamps.
+    """Mean response of one drive to steps of its command, aligned at the commands' stamps.
 
     time: s after the step [G]; current and torque: mean change relative to that 40 ms after the
-    step [G]. half: time at which each reaches half of it, s, with the 95 % interval over events.
+    step [G]. current_half, torque_half: time, s, at which each reaches half of it.
     """
 
     drive: str
@@ -36,10 +36,10 @@ class StepResponse:
 
 
 def step_response(recording: Recording, drive: str) -> StepResponse | None:
-    """Stack the responses to steps of a drive's command; None for under five isolated steps.
+    """Average the responses to steps of a drive's command; None for under five isolated steps.
 
-    A step is a change by over a quarter of the command's range from one message to the next, with
-    a command constant within 2 % of its range for 0.1 s before and after.
+    A step is a change by over a quarter of the command's range from one message to the next. The
+    command is constant within 2 % of its range for 0.1 s before and after.
     """
     if not recording.has('joint_commands') or not recording.has('joint_states'):
         return None

@@ -26,7 +26,10 @@ _GAP = 2.5  # periods
 
 @dataclass(frozen=True)
 class StampJitter:
-    """Deviation of N stamps from a line, s [N], NaN where unknown; time: s after the first [N]."""
+    """Deviation of N stamps from a straight line, s [N], NaN if unknown; time: s after the first.
+
+    The line is over the number of the sample or over device time, as subclasses say.
+    """
 
     time: Floats
     jitter: Floats
@@ -206,9 +209,10 @@ def summarise(
     drives: Sequence[str] | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Summary:
-    """Measure a recording's synchronisation; drives: those measured that are joints, if None.
+    """Measure a recording's synchronisation; drives: None takes all measured joints.
 
-    InputError for a drive that is not there, or where no drive was measured for 3 s.
+    progress: is called with the present step as text. InputError for an unknown drive, or where no
+    drive was measured for 3 s.
     """
     measured = recording.drive_supply().names
     joints = recording.joint_states().names

@@ -20,7 +20,10 @@ _FEWEST = 4
 
 
 def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
-    """Return the points at which torque, speed and (where it was measured) power are known."""
+    """Return the rows of joint_states with torque, velocity and (if metered) power, unfiltered.
+
+    Each row is a segment; `rate` [Hz] only labels the result. InputError for fewer than 4 rows.
+    """
     time = source.joints.time
     found = source.sample(time, Stream.recorded)
     known = np.isfinite(found['velocity']).all(axis=1) & np.isfinite(found['torque']).all(axis=1)
@@ -121,7 +124,8 @@ def load_aligned(
 def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
     """Join aligned recordings, with the joints in the order of the first.
 
-    InputError for recordings of different joints, or of torques of different kinds.
+    InputError for different joints, for torques of which only one is computed from a motor's
+    current, and for `steady` operating points beside others.
     """
     first, *others = parts
     ordered = [first]
@@ -149,7 +153,7 @@ def _require_same_kind(first: AlignedDataset, other: AlignedDataset) -> None:
 
 
 def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
-    """Concatenate datasets of the same drives and rate."""
+    """Concatenate datasets of the same drives, drive order and rate, which are not checked."""
     if len(parts) == 1:
         return parts[0]
     segments: list[NDArray[np.int32]] = []

@@ -82,7 +82,7 @@ class AlignedDataset:
         return self.command - self.position
 
     def rows(self, index: slice | Bools | NDArray[np.intp]) -> 'AlignedDataset':
-        """Return the samples at index."""
+        """Return the dataset with only the rows at `index`: a slice, a mask [T] or integers."""
         arrays = {
             f.name: getattr(self, f.name)[index]
             for f in fields(self)
@@ -92,7 +92,7 @@ class AlignedDataset:
         return replace(self, **arrays, extras=extras)
 
     def drives(self, names: Sequence[str]) -> 'AlignedDataset':
-        """Return the columns of the named drives; KeyError for one that is not there."""
+        """Return the dataset of the named drives, in that order; KeyError for an unknown one."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise KeyError(f'no drive {missing[0]!r}; there are {", ".join(self.names)}')
@@ -104,12 +104,12 @@ class AlignedDataset:
         return replace(self, names=tuple(names), **per_drive)
 
     def measured_drives(self) -> tuple[str, ...]:
-        """Drives whose electrical power was measured at any time."""
+        """Return the names of drives with a finite power in at least one sample."""
         measured = np.flatnonzero(np.isfinite(self.power).any(axis=0))
         return tuple(self.names[i] for i in measured)
 
     def segments(self) -> Iterator[slice]:
-        """Yield the segments in order."""
+        """Yield each segment, in order, as a slice of the T samples."""
         borders = np.flatnonzero(np.diff(self.segment)) + 1
         for start, stop in pairwise([0, *borders.tolist(), len(self.time)]):
             if stop > start:

@@ -41,7 +41,9 @@ def low_pass(rate: float, passband: float, stopband: float) -> Floats:
 
 
 def antialias(rate: float, lower: float) -> Floats:
-    """Return the low-pass from `rate` to `lower` Hz; a single 1 for (nearly) equal rates.
+    """Return the taps of an anti-alias filter for resampling from `rate` to `lower` Hz.
+
+    A single tap of 1 where `lower` is 90 % of `rate` or more.
 
     Its passband ends at a quarter of the lower rate and its stopband begins at half of it.
     """
@@ -56,9 +58,9 @@ def gain(taps: Floats, frequency: float, rate: float) -> float:
 
 @cache
 def smoothing(rate: float) -> Floats:
-    """Return the quadratic Savitzky-Golay filter whose −3 dB point is nearest to SMOOTHING.
+    """Return the taps of the quadratic Savitzky-Golay filter with −3 dB nearest to SMOOTHING.
 
-    The window is a whole number of samples; at 400 Hz, 12.18 Hz is nearest to 12.5 Hz.
+    rate: of the signal, Hz. At 400 Hz, 12.18 Hz is nearest to 12.5 Hz, as windows are odd.
     """
     from scipy.signal import savgol_coeffs  # slow to import, and nodes import this file
 
@@ -99,11 +101,12 @@ _LEAST_VARIANCE = 1e-4  # of the largest over all lags, below which a signal cou
 def masked_correlation(
     a: Floats, known_a: Floats, b: Floats, known_b: Floats, *, centred: bool = True
 ) -> tuple[Floats, Floats, Floats]:
-    """Return correlation, number of common samples and lag of b behind a's start, for all lags.
+    """Correlate two signals at all lags, each over the samples that both signals have.
 
-    Signals [A] and [B] are 0 and masks 0 where unknown, masks 1 elsewhere. Not `centred`, the
-    means over the overlap are not removed. Method: Padfield, "Masked object registration in the
-    Fourier domain", IEEE TIP 2012.
+    Signals a [A], b [B] and masks known_a, known_b are 0 where unknown; masks are 1 elsewhere.
+    Returns, each [A + B − 1]: correlation, number of common samples, and lag in samples, by which
+    b starts after a. `centred` removes the means over the overlap. Method: Padfield, "Masked
+    object registration in the Fourier domain", IEEE TIP 2012.
     """
     size = next_fast_len(len(a) + len(b), real=True)
 

@@ -11,10 +11,10 @@ _CLEAR = 0.8  # correlation of the two
 
 
 def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
-    """Return positions in rad without the jumps of an encoder that starts anew every turn, [N].
+    """Unwrap positions [N] in rad of an encoder that starts anew every turn.
 
-    A jump counts where the positions stay within one turn and the velocity in rad/s, not the jump,
-    determines how far the drive went; other positions are returned as they are.
+    time: s [N]; velocity: rad/s [N]. Positions are returned as they are if they span more than one
+    turn, or if the velocity does not confirm that the jumps are whole turns.
     """
     step = np.diff(position.astype(np.float64))
     known = np.isfinite(step)
@@ -30,10 +30,9 @@ def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
 
 
 def stands_still(position: Singles | Floats) -> bool:
-    """Return whether a drive stands still, so that no rate determines its position.
+    """Return whether positions [N] span less than 0.2 rad from the 1st to the 99th percentile.
 
-    What moves by less than the 1st to 99th percentile is left out; noise of an encoder and give of
-    a stalled shaft stay within 0.2 rad.
+    Encoder noise and the compliance of a stalled shaft stay within that. True if all are NaN.
     """
     if not np.isfinite(position).any():
         return True
@@ -42,7 +41,7 @@ def stands_still(position: Singles | Floats) -> bool:
 
 
 def is_rate(time: Floats, position: Singles, velocity: Singles) -> bool:
-    """Return whether the velocity is the rate of the position, in the same unit."""
+    """Return whether velocity [N] is the time derivative of position [N], in the same unit."""
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     rate = np.diff(position.astype(np.float64)) / np.maximum(np.diff(time), 1e-9)
     good = np.isfinite(rate) & np.isfinite(middle)

@@ -30,7 +30,8 @@ class RecordedSignals:
     """The signals of D drives, of which M were measured.
 
     Streams hold their signals side by side: joints position | velocity | torque [N, 3 D],
-    electrics power | voltage | current | temperature [N, 4 M]. Floats are s after `start_ns`.
+    electrics power | voltage | current | temperature [N, 4 M]. Times are s after `start_ns`.
+    commands and cmd_vel are times [N] and values [N, K]; `others` are streams by topic.
     """
 
     path: Path
@@ -48,7 +49,10 @@ class RecordedSignals:
     def sample(
         self, grid: Floats, values: Callable[[Stream, Floats], Singles] = Stream.sample
     ) -> dict[str, Singles]:
-        """Return the signals at the times of a grid: `values` of streams, the command held."""
+        """Return signals at the times of a grid [T], by name: [T, D], or [T, K] of other topics.
+
+        values: the method that samples a stream. Commands are held (zero-order).
+        """
         count, there = len(self.names), len(self.measured)
         joints = values(self.joints, grid).reshape(len(grid), 3, count)
         result = {name: joints[:, i] for i, name in enumerate(('position', 'velocity', 'torque'))}
@@ -68,12 +72,12 @@ class RecordedSignals:
         return held(*self.commands, grid)
 
     def held(self, grid: Floats) -> dict[str, Singles]:
-        """Return signals that are held and never filtered at the times of a grid."""
+        """Return `cmd_vel` [T, 3], if recorded, held (zero-order) at the times of a grid [T]."""
         return {} if self.cmd_vel is None else {'cmd_vel': held(*self.cmd_vel, grid)}
 
 
 class SignalCollector:
-    """Collects and checks the signals of a recording; errors as in `align`."""
+    """Collects and checks the signals of a recording; arguments and errors as in `align`."""
 
     def __init__(self, recording: Recording, drives: Sequence[str] | None) -> None:
         self._recording = recording
@@ -85,7 +89,7 @@ class SignalCollector:
         self._start = int(self._joints.stamp_ns[0])
 
     def source(self, need_power: bool) -> RecordedSignals:
-        """Return the signals."""
+        """Return the signals; InputError without drive_supply, unless `need_power` is False."""
         measured: tuple[str, ...] = ()
         electrics = None
         if need_power or self._recording.has('drive_supply'):

@@ -45,7 +45,7 @@ class Stream:
         )
 
     def half(self, rate: float) -> int:
-        """Return the samples that each end of a run loses to the filter for `rate` Hz."""
+        """Return how many samples each end of a run loses to the filter for `rate` Hz."""
         return len(self._taps(rate)) // 2
 
     def _taps(self, rate: float) -> Floats:
@@ -97,7 +97,10 @@ _EDGE = 1e-7  # s
 
 
 def held(time: Floats, values: NDArray[Any], grid: Floats) -> Singles:
-    """Return for each time of a grid the last finite value until then, [T, K]; NaN if none."""
+    """Return the last finite value [T, K] up to each time of a grid [T]; NaN if none.
+
+    time: s [N], ascending; values [N, K].
+    """
     finite = np.isfinite(values)
     latest = np.where(finite, np.arange(len(values))[:, None], -1)
     latest = np.maximum.accumulate(latest, axis=0)
@@ -109,7 +112,7 @@ def held(time: Floats, values: NDArray[Any], grid: Floats) -> Singles:
 
 
 def cubic(time: Floats, values: Singles | Floats, at: Floats) -> Singles:
-    """Interpolate values [N, K] by Lagrange's cubic through the four nearest samples."""
+    """Interpolate values [N, K] to times `at`: [T, K], by a cubic through four samples."""
     count = len(time)
     if count < 4:
         columns = [np.interp(at, time, column) for column in values.T]

@@ -12,7 +12,7 @@ _IMPORT_LOGS = """example:
 
 
 def add_doubts(made: ArgumentParser) -> None:
-    """Recordings that are refused unless one insists."""
+    """Add --slow-meter and --ignore-unit-conflicts, which admit recordings otherwise refused."""
     made.add_argument(
         '--slow-meter',
         '--slow',

@@ -13,7 +13,7 @@ WALK: Final = Path(__file__).parents[1] / 'example' / 'walk_small'
 
 
 def run(options: argparse.Namespace) -> None:
-    """Copy the recording that is installed with the package; InputError where something is."""
+    """Copy the installed example to `options.output`; InputError if that path exists."""
     make_way(options.output, overwrite=False)
     check_room(options.output)
     shutil.copytree(WALK, options.output)

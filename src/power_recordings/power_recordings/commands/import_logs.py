@@ -27,7 +27,7 @@ _CHECKED = 100_000  # messages, whose quality is printed after an import
 
 
 def run(options: argparse.Namespace) -> None:
-    """List what a log holds, or import it."""
+    """Print the columns of logs and a guessed map, or import them; InputError where it fails."""
     if options.list:
         first, *others = (open_source(log, options.msgs) for log in options.logs)
         _list(first, others)

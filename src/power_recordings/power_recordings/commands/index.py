@@ -14,7 +14,7 @@ _MOST = 40  # rows of the table
 
 
 def run(options: argparse.Namespace) -> None:
-    """List what the index has; add to it, export it."""
+    """List recordings in the index, after adding or forgetting some; export it if requested."""
     path = usual_path()
     if path is None:
         raise InputError(f'{ENVIRONMENT} is empty: name the file of the index')

@@ -17,7 +17,7 @@ _FINDING = 1000  # characters
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the quality of recordings."""
+    """Check recordings (or take their results from the index) and print their quality."""
     found = {}
     with RecordingIndex(usual_path()) as index:
         for path in options.bags:
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def print_quality(checked: Checked) -> None:
-    """Print a recording's card, its topics, a table by drive and what is amiss."""
+    """Print a recording's card, topic timing, a table by drive and its findings."""
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)
     card, quality = checked.card, checked.quality

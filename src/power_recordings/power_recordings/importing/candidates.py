@@ -118,7 +118,10 @@ _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measur
 
 @dataclass(frozen=True)
 class CandidateColumn:
-    """A column that may be a quantity of a drive ('' where its name has none)."""
+    """A column of a log that may hold a quantity of a drive.
+
+    drive: the part of its name that tells drives apart, '' if none.
+    """
 
     quantity: str
     rank: int  # of the rule that says so; the lower, the better
@@ -128,7 +131,7 @@ class CandidateColumn:
 
     @property
     def address(self) -> str:
-        """The column's address."""
+        """The column's name in the log; in bags `topic:field`."""
         return self.listed.column.address
 
     @property
@@ -138,28 +141,28 @@ class CandidateColumn:
 
     @property
     def values(self) -> Floats:
-        """The first rows."""
+        """The column's first rows, [N], in the log's unit."""
         return self.listed.values
 
     @property
     def is_vague(self) -> bool:
-        """Tell that the name does not say whose current or voltage it is."""
+        """True if the name does not say whose current or voltage it is."""
         return self.rank >= _VAGUE
 
     @property
     def why(self) -> str:
-        """Evidence for it."""
+        """Reason for the quantity, for a comment in a map: by name or by unit, then `doubt`."""
         return ('by its unit' if self.rank >= _BY_UNIT else 'by its name') + self.doubt
 
     @property
     def doubt(self) -> str:
-        """Evidence against it, in brackets."""
+        """Reason against the quantity, in brackets after a space; '' if none."""
         changes = f'{self.listed.changes:.0%}'
         return f' (changes in {changes} of the rows: a command?)' if self.held else ''
 
 
 def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
-    """Return the columns that change and may be a quantity, with the drive that each is of."""
+    """Return the columns that vary and may hold a quantity, each with its drive."""
     found = [c for item in listed if (c := _candidate(item)) is not None]
     found = [_held(c, found) for c in found]
     return _by_word(_by_number(found))
@@ -223,7 +226,7 @@ def _held(candidate: CandidateColumn, others: Sequence[CandidateColumn]) -> Cand
 
 
 def drive_key(address: str) -> str:
-    """Return what tells drives apart in a name: a number, or a name in brackets; '' if nothing."""
+    """Return the part of an address that tells drives apart: last number or name in brackets."""
     in_brackets = re.search(r'\[([^\[\]]+)\](?!.*\[[^\[\]]+\])', address)
     if in_brackets and ':' in address:
         return in_brackets[1]

@@ -18,11 +18,11 @@ _TURN: Final = 2 * np.pi
 
 @dataclass
 class PositionRates:
-    """Central differences of some columns, as rows come.
+    """Velocities from positions by central differences, for rows that arrive in blocks.
 
     v[i] = (q[i + w] − q[i − w]) / (t[i + w] − t[i − w]), with w the rows of 10 ms, at least one.
     It does not lag; it is NaN at both ends and across gaps. A position within one turn that
-    jumps by more than half of it is taken for one that wraps.
+    jumps by more than half of it is taken for one that wraps. columns: indices of positions.
     """
 
     columns: Sequence[int]
@@ -32,7 +32,10 @@ class PositionRates:
     _half: int = 0
 
     def extend(self, stamps: Stamps, rows: Floats, *, final: bool) -> tuple[Stamps, Floats]:
-        """Take rows [N, K]; return those that are complete, rates after their columns."""
+        """Take stamps [N] in ns and rows [N, K]; return the rows whose rates are complete.
+
+        Returns stamps [M] and rows with rates [M, K + len(columns)]; `final` returns all the rest.
+        """
         if self._rows is not None:
             stamps = np.concatenate([self._stamps, stamps])
             rows = np.concatenate([self._rows, rows])
@@ -106,10 +109,10 @@ class _Buffer:
 
 
 class Merger:
-    """Columns of several streams on the times of the first.
+    """Brings the columns of several streams to the times of the first, the reference.
 
-    widths: columns of each stream, the reference first. `add` takes rows as they are read; `take`
-    gives the reference's rows, all columns side by side, as far as every stream has come.
+    widths: number of columns of each stream. `add` takes rows as they are read; `take` returns the
+    reference's rows, all columns side by side, up to the latest time that every stream has.
     """
 
     def __init__(self, widths: Sequence[int]) -> None:
@@ -118,7 +121,7 @@ class Merger:
         self._done = [False] * len(widths)
 
     def add(self, stream: int, stamps: Stamps, values: Floats) -> None:
-        """Add rows [N, K] of a stream, stamps ascending."""
+        """Add rows [N, K] of a stream, given by its index; stamps [N] in ns ascend."""
         self._all[stream].add(stamps, values)
 
     def take(self, *, final: bool = False) -> tuple[Stamps, Floats]:
@@ -189,7 +192,7 @@ class ChannelGroup:
             self._rates = PositionRates([places.index((d, 'position')) for d in self.derived])
 
     def add(self, stream: str, block: Mapping[str, NDArray[Any]], rows: TimedRows) -> None:
-        """Add what is kept of the rows of a block of a stream."""
+        """Add a block of a stream: its columns by address, of which `rows` are kept."""
         if not any(feed.stream == stream for feed in self._feeds):
             return
         if self._merger is None:
@@ -238,7 +241,10 @@ class ChannelGroup:
         self._feeds = sorted(feeds, key=rank)
 
     def take(self, *, final: bool) -> tuple[Stamps, dict[tuple[str, str], Floats]]:
-        """Return stamps and values by drive and quantity, constants included."""
+        """Return stamps [N] in ns and SI values [N] by (drive, quantity), constants included.
+
+        Rows that still lack other streams wait for the next call, unless `final`.
+        """
         if self._merger is None:
             return np.zeros(0, np.int64), {}
         stamps, rows = self._merger.take(final=final)

@@ -40,7 +40,7 @@ _POINTS = 50.0  # Hz, at which operating points that have no times are written
 
 @dataclass(frozen=True)
 class Imported:
-    """Samples by topic, number of messages, and what was left out or changed, in words."""
+    """Result of an import: number of samples by topic, of messages, and notes on changes."""
 
     path: Path
     counts: Mapping[str, int]
@@ -163,9 +163,9 @@ def import_logs(
 ) -> Imported:
     """Write logs, one after the other, as one recording with a card.
 
-    where: the name of the map, for errors. progress is told the bytes read so far. Raises
-    InputError for logs that do not have what the map names or whose times are of no use; nothing
-    is left behind then.
+    where: the name of the map, for errors. out: the recording's folder. progress: is called with
+    the bytes read so far. Raises InputError for logs without what the map names or with unusable
+    times; nothing is left behind then.
     """
     plans = [make_plan(mapping, s.columns(), where, s.is_bag) for s in sources]
     for source, plan in zip(sources, plans, strict=True):
@@ -294,7 +294,7 @@ class _Log:
 
 
 def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
-    """Return the channels of each topic."""
+    """Return the channels to be written, grouped by the topic that holds them."""
     parts: dict[str, list[tuple[str, LogChannel]]] = {name: [] for name in TOPICS}
     of_joints = {q: topic for topic, fields in _JOINT_FIELDS.items() for q in fields if q}
     measured = _having(plan, 'current', 'power')

@@ -37,19 +37,22 @@ Turned = Literal['torque', 'power', '']
 
 @dataclass(frozen=True)
 class MeterColumns:
-    """The columns of a power: voltage and current, or the power itself."""
+    """The columns whose product is an electrical power: voltage and current, or power alone."""
 
     parts: tuple[CandidateColumn, ...]
 
     @property
     def power(self) -> Floats:
-        """W [N]."""
+        """Power of the first rows, W [N]."""
         return np.prod([si(part) for part in self.parts], axis=0)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The columns that fit together, the unit of the speed, what is turned round, and why."""
+    """The torque, speed and power columns that fit together best.
+
+    turned: the one whose sign is to be inverted, '' if none. why: the reason, for the map.
+    """
 
     torque: CandidateColumn
     velocity: CandidateColumn
@@ -61,7 +64,10 @@ class Choice:
 
 
 def si(candidate: CandidateColumn, unit: str = '') -> Floats:
-    """Return a candidate's first rows in the unit of its quantity."""
+    """Return a candidate's first rows [N] in SI; as they are if the unit does not fit.
+
+    unit: the unit to convert from, in place of the log's.
+    """
     quantity = {'winding': 'current'}.get(candidate.quantity, candidate.quantity)
     try:
         return conversion(unit or candidate.unit, quantity)(candidate.values)
@@ -70,7 +76,7 @@ def si(candidate: CandidateColumn, unit: str = '') -> Floats:
 
 
 def choose(found: dict[str, list[CandidateColumn]]) -> Choice | None:
-    """Return the torque, speed and power that fit together best; None where none do."""
+    """Return torque, speed and power that fit together best, of a drive's candidates, or None."""
     torques, speeds = (found.get(q, [])[:_MOST] for q in ('torque', 'velocity'))
     torques = [t for t in torques if not t.held] or torques
     best: Choice | None = None
@@ -103,14 +109,14 @@ def _meters(found: dict[str, list[CandidateColumn]]) -> list[MeterColumns]:
 def companion(
     current: CandidateColumn, volts: Sequence[CandidateColumn]
 ) -> CandidateColumn | None:
-    """Return the voltage whose name is most like that of a current; the best ranked of equals."""
+    """Return the voltage whose name is most like that of a current; None without voltages."""
     return min(volts, key=lambda v: (-_likeness(v.address, current.address), v.rank), default=None)
 
 
 def metered_pair(
     power: CandidateColumn, found: dict[str, list[CandidateColumn]]
 ) -> MeterColumns | None:
-    """Return the voltage and current whose product a column of power is."""
+    """Return the voltage and current whose product is a power, within 2 %; None if none."""
     p = si(power)
     for current in found.get('current', []):
         volts = companion(current, found.get('voltage', []))
@@ -181,7 +187,7 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
 def made_of_current(
     torque: CandidateColumn, currents: Sequence[CandidateColumn]
 ) -> tuple[CandidateColumn, float] | None:
-    """Return the current that a torque was computed from, and N·m/A."""
+    """Return the current that is proportional to a torque, and its factor in N·m/A, or None."""
     for current in currents:
         x, y = current.values, torque.values
         if len(x) != len(y):

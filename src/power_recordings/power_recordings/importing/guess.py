@@ -89,7 +89,7 @@ _OTHERS: Final = 2  # candidates that are named beside the one that was taken
 
 
 def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
-    """Return the YAML of a map that takes what the columns suggest, with the reason by each."""
+    """Return the YAML of an import map guessed from columns, each entry with its reason."""
     found = candidates(listed)
     by_drive: dict[str, dict[str, list[CandidateColumn]]] = defaultdict(lambda: defaultdict(list))
     for c in sorted(found, key=lambda c: (c.held, c.rank)):

@@ -26,7 +26,7 @@ _LATEST_NS = 9.3e18  # in the year 2262, the most of 64 bits
 
 @dataclass(frozen=True)
 class Listed:
-    """A column with what its first rows show; NaN where none holds a number."""
+    """A column with the statistics of its first rows; NaN if none holds a number."""
 
     column: LogColumn
     rows: int
@@ -39,14 +39,14 @@ class Listed:
 
 
 def list_columns(source: LogSource) -> list[Listed]:
-    """Read the first rows of all columns."""
+    """Read the first rows (about 50,000) of each column; InputError for an unreadable log."""
     columns = source.columns()
     found = _look(source, columns)
     return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
 
 
 def extent(listed: Sequence[Listed]) -> str:
-    """Return which rows of a log the ranges are of, '' where they are of all."""
+    """Return `of the first N rows of M` if only a part of the log was read, else ''."""
     part = [
         (item.rows, item.column.rows)
         for item in listed
@@ -115,7 +115,7 @@ class PreviewedSignal:
 
 
 def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[PreviewedSignal]:
-    """Convert the first rows; InputError, which begins with where, as an import raises it."""
+    """Convert a log's first rows to SI; errors are as of an import and begin with `where`."""
     plan = make_plan(mapping, source.columns(), where, source.is_bag)
     wanted = set(plan.addresses())
     columns = [column for column in source.columns() if column.address in wanted]

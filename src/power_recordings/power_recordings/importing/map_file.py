@@ -53,17 +53,17 @@ class Signal:
 
     @property
     def terms(self) -> tuple[tuple[str, ...], ...]:
-        """The columns whose products are added; none of a constant."""
+        """Columns of each product; the signal is the sum of the products. Empty for a constant."""
         return self.sum or (((self.source,),) if self.source else ())
 
     def filled(self, text: str) -> Self:
-        """Return the signal with a text for the * in its columns."""
+        """Return the signal with `text` in place of each `*` in its column names."""
         terms = tuple(tuple(name.replace('*', text) for name in term) for term in self.sum)
         return replace(self, source=self.source.replace('*', text), sum=terms)
 
 
 class SignalsByQuantity:
-    """A part of a map whose fields are signals."""
+    """Base class of parts of a map whose fields are signals, named as their quantities."""
 
     def signals(self) -> dict[str, Signal]:
         """Return the signals that the map has, by quantity."""
@@ -74,9 +74,9 @@ class SignalsByQuantity:
 class DriveMap(SignalsByQuantity):
     """The signals of one drive; those that were not recorded are left out.
 
-    gear_ratio: turns of the motor to one of the joint, which everything but signals `at: motor`
-    belongs to. motor_current makes the torque, of its quadrature axis. An efficiency, or a loss in
-    W, stands for the power that the shaft draws with it.
+    gear_ratio: turns of the motor per turn of the joint; signals are at the joint unless
+    `at: motor`. motor_current is that of the quadrature axis. Given an efficiency, or a loss in W,
+    power is computed from it and torque × speed.
     """
 
     position: Signal | None = None
@@ -114,7 +114,7 @@ class TimeColumn:
 class TimeMap:
     """A column of times, several that are added, or the constant rate [Hz] of a log that has none.
 
-    Without a unit, the one in the column's head counts, or else s. The rows of a `steady` log are
+    The unit defaults to the one in the column's head, else s. The rows of a `steady` log are
     operating points in any order.
     """
 
@@ -130,7 +130,7 @@ class TimeMap:
 
     @property
     def parts(self) -> tuple[TimeColumn, ...]:
-        """The columns whose times are added; none of a log without times."""
+        """Columns whose times are added; empty for a log without times."""
         return self.columns or ((TimeColumn(self.column, self.unit),) if self.column else ())
 
 
@@ -154,7 +154,7 @@ class ImportMap:
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the ready maps."""
+    """Return the names of the ready maps, sorted, without `.yaml`."""
     return tuple(sorted(path.stem for path in MAPS.glob('*.yaml')))
 
 
@@ -169,7 +169,7 @@ def load_map(given: str) -> ImportMap:
 
 
 def parse_map(content: Any, where: str) -> ImportMap:
-    """Check the content of a map; InputError that begins with `where`."""
+    """Build a map from its parsed YAML; an InputError for wrong content begins with `where`."""
     return parse(ImportMap, _renamed(content), where)
 
 

@@ -26,7 +26,7 @@ _NOT_DRAWN: Final = r'charged|regen|returned|batt|left|remain|capacity'  # in na
 
 @dataclass(frozen=True)
 class PowerFormula:
-    """A sum of products of columns that a power is, and how well."""
+    """Power as factor · sum of products of columns, with the R² of the fit."""
 
     terms: tuple[tuple[str, ...], ...]
     factor: float
@@ -43,9 +43,9 @@ class PowerFormula:
 def recognise(
     power: Floats, columns: Mapping[str, Floats], meter: Sequence[str] = ()
 ) -> PowerFormula | None:
-    """Return the formula by which a power [N] was computed from other columns [N], if one fits.
+    """Return the formula by which a power [N] was computed from other columns [N], else None.
 
-    meter: the columns that the power itself is made of; their own product is no formula.
+    meter: the columns that the power is mapped from; their product does not count as a formula.
     """
     best: PowerFormula | None = None
     for terms in islice(_formulas(columns), _MOST):
@@ -82,7 +82,7 @@ def _fits(power: Floats, value: Floats) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class EnergyCheck:
-    """Energy by a counter of the log, and by the integral of the power, J."""
+    """Energy in J by a counter column of the log, and by the integral of the power."""
 
     counter: str
     counted: float
@@ -90,7 +90,7 @@ class EnergyCheck:
 
     @property
     def text(self) -> str:
-        """Both in Wh, and whether they agree."""
+        """Sentence with both energies in Wh, their ratio, and whether they agree."""
         counted, integral = self.counted / _WATT_HOURS, self.integral / _WATT_HOURS
         ratio = integral / counted if counted else np.inf
         agree = (
@@ -105,7 +105,11 @@ class EnergyCheck:
 def check_energy(
     seconds: Floats, power: Floats, columns: Mapping[str, Floats]
 ) -> EnergyCheck | None:
-    """Hold the power [N] at times [N] against the log's counters of energy, if it has some."""
+    """Compare the integral of a power [N, W] over times [N, s] with the log's energy counter.
+
+    columns: [N] by name, in the log's units. None without a counter that advances, for times that
+    go back, or for fewer than 50 rows.
+    """
     counters = {name: values for name, values in columns.items() if kind_of(name) == 'energy'}
     used = [n for n in counters if not re.search(_NOT_DRAWN, n, re.I)]
     if not used:
@@ -134,9 +138,9 @@ _COLUMNS: Final = 60  # that a power may be computed from
 
 
 def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str], list[str]]:
-    """Return the formulas of the drives whose power is computed, and notes on energy counters.
+    """Return formulas by drive of powers that a firmware computed, and notes on energy counters.
 
-    The first rows of a table are looked at; the topics of a bag are not.
+    Judged by the first rows of a table; empty for a bag.
     """
     metered = {
         drive: channels

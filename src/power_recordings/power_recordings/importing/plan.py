@@ -34,7 +34,7 @@ _LONGEST_MATCHED = 500
 class LogChannel:
     """One quantity of a drive or of the supply: its columns and conversion.
 
-    terms: columns of one stream whose products are added; none of a constant `value`.
+    terms: columns, all of one stream, of each product to be added; empty for a constant `value`.
     """
 
     quantity: str
@@ -44,21 +44,21 @@ class LogChannel:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Addresses of the columns."""
+        """Addresses of the columns, each once."""
         return tuple(dict.fromkeys(column.address for term in self.terms for column in term))
 
     @property
     def stream(self) -> str | None:
-        """Stream of the columns; None for a constant."""
+        """Stream (group of columns with common times) of the columns; None for a constant."""
         return self.terms[0][0].stream if self.terms else None
 
     @property
     def formula(self) -> str:
-        """The columns as the user knows them."""
+        """Column names of the log, joined by + and ×."""
         return ' + '.join(' × '.join(column.address for column in term) for term in self.terms)
 
     def convert(self, values: Mapping[str, NDArray[Any]]) -> Floats:
-        """Return the quantity [N] from the columns' values by address."""
+        """Return the quantity in SI [N] from columns [N] by address; InputError for texts."""
         for address in self.addresses:
             if values[address].dtype.kind == 'O':
                 raise InputError(f'column {address!r} holds texts; expected numbers')
@@ -68,7 +68,7 @@ class LogChannel:
         return self.conversion(reduce(np.add, products))
 
     def constant(self) -> float:
-        """Return the value of a constant."""
+        """Return the constant's value in SI; NaN if the quantity is measured."""
         return float(self.conversion(np.array([self.value]))[0])
 
 
@@ -89,13 +89,13 @@ class ShaftPower(LogChannel):
 
     @property
     def formula(self) -> str:
-        """The columns as the user knows them."""
+        """Column names of torque, speed, and efficiency or loss, as a formula."""
         torque, velocity, share = (part.formula for part in self.parts)
         sign = '+' if self.parts[2].quantity == 'loss' else '/'
         return f'{torque} × {velocity} {sign} {share}'
 
     def convert(self, values: Mapping[str, NDArray[Any]]) -> Floats:
-        """Return W [N]; NaN at an efficiency of 0 and less, and above 1."""
+        """Return W [N] from columns [N] by address; NaN where efficiency is outside (0, 1]."""
         torque, velocity, share = (part.convert(values) for part in self.parts)
         shaft = torque * velocity
         if self.parts[2].quantity == 'loss':
@@ -119,7 +119,7 @@ class ImportPlan:
 
     @property
     def derived(self) -> tuple[str, ...]:
-        """Drives whose velocity is to be the rate of their position."""
+        """Drives without a velocity, which is differentiated from their position."""
         return tuple(
             name
             for name, channels in self.drives.items()
@@ -135,7 +135,7 @@ class ImportPlan:
         return tuple(dict.fromkeys([*found, *(column.address for column, _ in self.time)]))
 
     def columns(self) -> dict[str, dict[str, str]]:
-        """Return what each drive's signals were called in the log."""
+        """Return column names of the log by drive and quantity; constants are left out."""
         return {
             drive: {q: channel.formula for q, channel in channels.items() if channel.terms}
             for drive, channels in self.drives.items()
@@ -223,8 +223,8 @@ def expand(
 ) -> dict[str, DriveMap]:
     """Replace drives whose name has a `*` by those that the log has.
 
-    The star stands for the same text in the name and in each `from`. A `*` that nothing fits is an
-    InputError.
+    The star stands for the same text in the name and in each `from`. InputError, which begins with
+    `where`, for a `*` that no address matches.
     """
     result: dict[str, DriveMap] = {}
     for name, drive in drives.items():

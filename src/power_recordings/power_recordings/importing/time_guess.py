@@ -21,7 +21,7 @@ _MILLI: Final = r'milli_?seconds?|milli_?secs?|msecs?|ms'
 
 
 def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str:
-    """Return the entry `time` of a guessed map, with the reason."""
+    """Return a guessed map's entry `time` as YAML; found: candidates among columns `listed`."""
     times = [c for c in found if c.quantity == 'time' and _ascends(c)]
     if not times and listed and all(c.listed != listed[0] for c in found) and _ticks(listed[0]):
         times = [CandidateColumn('time', 0, '', listed[0])]
@@ -113,7 +113,7 @@ def _time_unit(candidate: CandidateColumn) -> tuple[str, str]:
 
 
 def yaml_text(text: str) -> str:
-    """Return a text as YAML has it, in quotes where it needs them."""
+    """Return a text as a YAML scalar, quoted if needed."""
     if not text.isprintable():
         return json.dumps(text)
     if re.fullmatch(r'[A-Za-z_/][\w/.:\-]*', text) and not text.endswith(':'):

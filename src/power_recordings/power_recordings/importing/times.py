@@ -39,10 +39,10 @@ def is_date(text: str) -> bool:
 
 
 def moments(texts: NDArray[Any], where: str) -> Stamps:
-    """Return texts [N] in ns since 1970, or since midnight without a date; -1 for empty ones.
+    """Parse texts [N] to ns since 1970, or since midnight without a date; −1 for empty ones.
 
-    Of dates with the year last the month comes first where a text has AM or PM or the second
-    number is no month. InputError, which begins with `where`, for a text that is no time.
+    In dates with the year last, the month comes first if any text has AM or PM or a second number
+    above 12. InputError, which begins with `where`, for a text that is no time.
     """
     given = ['' if text is None else str(text).strip() for text in texts.tolist()]
     month_first = any(map(_is_month_first, given))
@@ -52,7 +52,7 @@ def moments(texts: NDArray[Any], where: str) -> Stamps:
 
 
 def unwrapped(times: Stamps, last: int) -> Stamps:
-    """Add the days to times of day [N] (-1: missing) that pass after `last` (ns, -1 if none)."""
+    """Add passed days to times of day [N] in ns (−1: missing) that follow `last` (−1 if none)."""
     known = np.flatnonzero(times >= 0)
     own = times[known]
     before = np.concatenate([[last % DAY if last >= 0 else own[0] if len(own) else 0], own[:-1]])
@@ -141,7 +141,7 @@ class TimedRows:
     stamps: Stamps  # ns
 
     def of(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values [N] of a column of the block: means of those that share a stamp."""
+        """Reduce a block's column to the kept rows [N]; rows of a common stamp are averaged."""
         kept = values if len(self.rows) == len(values) else values[self.rows]
         if len(self.starts) == len(self.rows):
             return kept
@@ -161,9 +161,9 @@ class LogClock:
     """Turns the times of one log into ascending stamps, block by block.
 
     Rows with the time of the row before are merged with it. A time that goes back by more than
-    half a second starts a new part, which follows 1 s after the last; rows that come later than
-    newer ones, and rows without a time, are left out. `check` raises InputError where too many
-    are. units: of the columns of times, which are added. shift [ns] is added to all times.
+    half a second starts a new part, 1 s after the last; other rows older than one before, and rows
+    without a time, are left out. where: begins errors. units: of the time columns, which are
+    added. shift: ns, added to all times. parts to late: counts of parts and rows so far.
     """
 
     where: str
@@ -180,7 +180,7 @@ class LogClock:
     _of_day: int = -1  # ns, of the last time of day
 
     def order(self, raw: Stamps) -> TimedRows:
-        """Return the rows to keep and their stamps, of times in ns (negative: missing)."""
+        """Return a block's rows to keep, with their stamps; raw: ns [N], negative: missing."""
         self.rows += len(raw)
         rows = np.flatnonzero(raw >= 0)
         self.missing += len(raw) - len(rows)
@@ -218,7 +218,7 @@ class LogClock:
         return TimedRows(rows[keep], np.flatnonzero(fresh[keep]), stamps[fresh])
 
     def check(self) -> None:
-        """InputError where the times of a log are of no use."""
+        """Raise InputError if too many rows so far have missing, repeated or backward times."""
         if not self.rows or self.rows == self.missing:
             raise InputError(f'{self.where}: no row with a time')
         if self.missing > _MOST_BAD * self.rows:
@@ -237,7 +237,7 @@ class LogClock:
                 )
 
     def notes(self) -> list[str]:
-        """Describe what was left out."""
+        """Return sentences on the rows that were left out or merged."""
         found = []
         if self.missing:
             found.append(f'{self.missing} rows without a time left out')
@@ -252,7 +252,7 @@ class LogClock:
         return found
 
     def nanoseconds(self, columns: Sequence[NDArray[Any]]) -> Stamps:
-        """Return the sum of columns of times, numbers or dates, in ns; -1 where one is missing."""
+        """Return the sum of time columns [N], numbers or dates, in ns; −1 if one is missing."""
         first, *others = columns
         if others or first.dtype.kind == 'O':
             return self._added(columns)

@@ -89,7 +89,7 @@ _PLAIN = re.compile(rf'(1\s*/\s*)?{_NAME}(\s*[*/· ]\s*{_NAME}){{0,4}}')
 
 @dataclass(frozen=True)
 class Conversion:
-    """value · factor + offset."""
+    """Conversion of a unit: converted = value · factor + offset."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -115,7 +115,7 @@ def _spelled(unit: str) -> str:
 
 @cache
 def conversion(unit: str, quantity: str) -> Conversion:
-    """Return the conversion from a unit to that of a quantity in a recording (`SI`).
+    """Return the conversion from a unit to that of a quantity in `SI`, or to 1 for efficiency.
 
     Raises InputError for a unit that is unknown or of another dimension.
     """
@@ -163,7 +163,7 @@ def is_unit(text: str) -> bool:
 
 @cache
 def quantities_of(unit: str) -> tuple[str, ...]:
-    """Return the quantities that a unit can belong to."""
+    """Return the quantities that a unit can belong to; empty if the unit is unknown."""
     found = []
     for quantity in (*SI, 'efficiency'):
         try:

@@ -39,7 +39,7 @@ _AXIS: Final = re.compile(r'(^|_)[iuv]?([qd])(_|$)')
 
 
 def words(address: str) -> str:
-    """Return an address in lower case, words apart by _, without units in brackets and numbers."""
+    """Return an address as lower-case words joined by `_`, without bracketed unit and digits."""
     name = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address) if address[:1] not in '[(' else address
     name = name.rpartition(':')[2]
     name = 'power' if name == 'P' else re.sub(r'([A-Z])([A-Z][a-z]{2})', r'\1_\2', name)
@@ -50,7 +50,7 @@ def words(address: str) -> str:
 
 
 def kind_of(address: str, unit: str = '') -> Kind:
-    """Return the kind of a column by its name, else by its unit; '' of none (amp-hours, too)."""
+    """Return the electrical kind of a column by its name, else its unit; '' if none."""
     name = words(address)
     return next((kind for kind, rule in _KINDS if re.search(rule, name)), _OF_UNIT.get(unit, ''))
 
@@ -61,6 +61,6 @@ def is_motor_current(address: str) -> bool:
 
 
 def axis_of(address: str) -> Axis:
-    """Return the axis, q or d, that a column's name has."""
+    """Return the axis of a motor's rotating frame in a column's name: q, d or '' if none."""
     found = _AXIS.search(words(address))
     return found[2] if found else ''  # type: ignore[return-value]

@@ -25,7 +25,7 @@ _UNITS = {'updates_hz': 'Hz', 'power_slope': '', 'velocity_slope': '', 'cells': 
 
 @dataclass(frozen=True)
 class Checked:
-    """Quality of a recording, its card and the notes of its reader."""
+    """Quality of a recording, its card and the problems found while reading it."""
 
     path: Path
     card: Card
@@ -40,7 +40,7 @@ class Checked:
 
 
 def checked(path: Path, index: RecordingIndex) -> Checked:
-    """Return what the index has of a recording; else read, check and keep it."""
+    """Return a recording's quality from the index; if absent, check it and add the result."""
     stamp, key = Stamp.of(path), code_fingerprint('power_recordings')
     kept = index.answer(stamp, KIND, key)
     if kept is not None:

@@ -23,8 +23,8 @@ _WHOLE = (1 << 63) - 1  # that SQLite's numbers go to
 class Stamp:
     """Path, bytes and dates of a recording's files and its card.
 
-    size and changed are sums over the files, so that a change of any of them is seen; changed is
-    of their dates in ns, modulo 2⁶³.
+    size [bytes] and changed [dates in ns, modulo 2⁶³] are sums over the files, so that a change of
+    any of them shows.
     """
 
     path: str
@@ -33,10 +33,7 @@ class Stamp:
 
     @classmethod
     def of(cls, path: Path) -> Self:
-        """Stamp a bag folder or file; InputError where there is none.
-
-        Take it before the files are read: what is written to them after that is a change.
-        """
+        """Stamp a bag folder or file, before it is read; InputError where there is none."""
         try:
             # Path.resolve raises RuntimeError for links in a circle; this raises OSError.
             own = Path(os.path.realpath(path, strict=True))
@@ -91,7 +88,10 @@ class RecordingFacts:
 
 @dataclass(frozen=True)
 class DriveFigure:
-    """A number of one drive that an answer holds, for tables: value ± standard error."""
+    """A number of one drive in an answer, for exported tables: value ± standard error.
+
+    term: index of the coefficient within the effect `name`; model: that of the fit.
+    """
 
     drive: str
     name: str
@@ -104,7 +104,7 @@ class DriveFigure:
 
 @dataclass(frozen=True)
 class IndexAnswer:
-    """Bytes that a program worked out of a recording; key says by what: a model's hash."""
+    """Cached result for a recording: its kind, a key (hash of code or model) and its bytes."""
 
     kind: str
     key: str
@@ -113,7 +113,7 @@ class IndexAnswer:
 
 
 def usual_path() -> Path | None:
-    """Return the path that WATTWALK_INDEX names, None where it is empty; else one in the cache."""
+    """Return the index's path: WATTWALK_INDEX (None if empty), else in the user's cache."""
     named = os.environ.get(ENVIRONMENT)
     if named is not None:
         return Path(named) if named else None
@@ -130,7 +130,7 @@ class RecordingIndex:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Open or create the index at path; InputError for a file of another program."""
+        """Open or create the index (None: use none); InputError for another program's file."""
         self.path = path
         self.off = '' if path is not None else 'no index is wanted'
         self._database: sqlite3.Connection | None = None
@@ -154,7 +154,7 @@ class RecordingIndex:
         self._end(self.off)
 
     def answer(self, stamp: Stamp, kind: str, key: str) -> bytes | None:
-        """Return what was kept of the recording as it is now, None where there is nothing."""
+        """Return the content kept for the recording in its present state, None if absent."""
         found = self.rows(
             'SELECT checksum, content FROM answers JOIN recordings ON recording = id '
             'WHERE path = ? AND size = ? AND changed = ? AND kind = ? AND key = ?',
@@ -165,16 +165,16 @@ class RecordingIndex:
         )
 
     def knows(self, stamp: Stamp) -> bool:
-        """Return whether the card of the recording as it is now is in the index."""
+        """Return whether the index has the card of the recording in its present state."""
         query = 'SELECT 1 FROM recordings WHERE path = ? AND size = ? AND changed = ?'
         return bool(self.rows(query, (stamp.path, stamp.size, stamp.changed)))
 
     def keep(self, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None = None) -> None:
-        """Keep a card, and an answer in place of a former one of its kind and key."""
+        """Store a card and, if given, an answer, which replaces one of its kind and key."""
         self._asked(lambda database: _keep(database, stamp, about, answer), None)
 
     def rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of an SQL query over `recordings`, `answers` and `figures`."""
+        """Return rows of an SQL query on `recordings`, `answers`, `figures`; none if `off`."""
         return self._asked(lambda database: database.execute(query, values).fetchall(), [])
 
     def forget_lost(self) -> int:
@@ -267,7 +267,7 @@ class RecordingIndex:
 
 
 def card_content(card: Card) -> dict[str, Any]:
-    """Return the keys of a card that say something, as `Card.of` takes them."""
+    """Return the non-empty entries of a card, as `Card.of` takes them."""
     content = asdict(card)
     content |= content.pop('other')
     return {key: value for key, value in content.items() if value not in ('', None, (), {})}

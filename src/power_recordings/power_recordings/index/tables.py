@@ -22,7 +22,10 @@ FILES = ('recordings.parquet', 'quality.parquet', 'coefficients.parquet')
 def listed(
     index: RecordingIndex, robot: str, unit: str, since: str, until: str
 ) -> list[dict[str, Any]]:
-    """Return the cards of a robot and unit, created in [since, until), in order; '' for any."""
+    """Return rows of `recordings` by column, of a robot and unit, created in [since, until).
+
+    Dates are ISO 8601; '' places no condition. Sorted by robot, unit and date.
+    """
     asked = {
         'robot = ?': robot,
         'unit = ?': unit,
@@ -53,7 +56,7 @@ def recordings_below(folder: Path) -> Iterator[Path]:
 def add_cards(index: RecordingIndex, folders: Sequence[Path]) -> tuple[int, list[str]]:
     """Put the cards of all recordings in folders into the index.
 
-    Return the number of those that are new or changed, and the reasons for those left out.
+    Returns the number of new or changed cards, and an error text for each one left out.
     """
     added, left_out = 0, []
     for folder in folders:
@@ -72,7 +75,7 @@ def add_cards(index: RecordingIndex, folders: Sequence[Path]) -> tuple[int, list
 
 
 def export(index: RecordingIndex, folder: Path) -> None:
-    """Write three Parquet files into a folder: recordings, and figures by recording and drive.
+    """Write the index as the Parquet files `FILES` into a folder.
 
     InputError where pyarrow is not installed; RecordingError where a file cannot be written.
     """

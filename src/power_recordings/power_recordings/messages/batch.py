@@ -27,7 +27,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Batch:
-    """Messages of one topic in recorded order: data[offset : offset + size] of each."""
+    """N messages of one topic in recorded order; each is data[offset : offset + size]."""
 
     topic: Topic
     data: NDArray[np.uint8]

@@ -78,7 +78,7 @@ def full_name(type_name: str) -> str:
 
 @cache
 def definition(type_name: str) -> str:
-    """Return the definition with those of nested types, in the form of MCAP's ros2msg."""
+    """Return a type's `ros2msg` definition with nested types; InputError for an unknown type."""
     return str(typestore().generate_msgdef(full_name(type_name), ros_version=2)[0])
 
 
@@ -89,9 +89,9 @@ def type_hash(type_name: str) -> str:
 
 
 def serialize(type_name: str, message: Any) -> bytes:
-    """Return the CDR bytes (little-endian, with encapsulation header) of a message by `message`.
+    """Return the CDR bytes (little-endian, with encapsulation header) of what `message` built.
 
-    Raises InputError if a field is missing or has a wrong type.
+    Raises InputError if the type is unknown, or a field is missing or of a wrong type.
     """
     try:
         return bytes(typestore().serialize_cdr(message, full_name(type_name)))
@@ -100,7 +100,7 @@ def serialize(type_name: str, message: Any) -> bytes:
 
 
 def deserialize(type_name: str, cdr: bytes | memoryview) -> Any:
-    """Return the message, with numeric arrays of numpy; InputError if it is damaged."""
+    """Decode a message, numeric arrays as numpy arrays; InputError if it is damaged."""
     try:
         return typestore().deserialize_cdr(bytes(cdr), full_name(type_name))
     except (SerdeError, AssertionError, IndexError) as error:
@@ -145,10 +145,11 @@ def _field(desc: Any, value: Any) -> Any:
 def encode_block(
     type_name: str, stamps_ns: NDArray[np.int64], columns: Mapping[str, ArrayLike], **constant: Any
 ) -> NDArray[np.uint8]:
-    """Encode N messages [N, size] that differ in numbers only, with the same bytes as `serialize`.
+    """Encode N messages that differ in numbers only as CDR bytes, uint8 [N, size].
 
+    stamps_ns [N]: of the headers. columns: values by dotted path of a field, [N] or [N, length].
     constant: fields that all messages share, as for `message`; they set the lengths of arrays.
-    columns: values by the dotted path of a field, [N] or [N, length].
+    InputError for a wrong field, KeyError for an unknown column, ValueError for a wrong shape.
     """
     stamps = np.asarray(stamps_ns, np.int64)
     layout = Layout(
@@ -162,7 +163,7 @@ def encode_block(
 
 
 def in_a_list(*blocks: NDArray[np.uint8]) -> list[bytes]:
-    """Return the messages of encoded blocks one by one."""
+    """Return the messages of blocks [N, size] as one list of bytes, in order."""
     rows = ((block.tobytes(), block.shape[1]) for block in blocks)
     return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
 
@@ -203,10 +204,10 @@ def drive_supply_blocks(
 ) -> list[NDArray[np.uint8]]:
     """Encode N samples of D drives as ceil(N / samples_per_message) drive_power_msgs/DriveSupply.
 
-    The messages of samples_per_message samples are the first block; what is left over, if any, is
-    a message in a block of its own. stamps_ns, device_time [N] ns; voltage V, current A, status
-    [N, D]; temperature °C [D] or [N, D] (of a message's first sample), None if unknown. sequence0
-    is the index of sample 0.
+    Returns a block uint8 [messages, size] of full messages and, for samples left over, a block
+    with one message. stamps_ns, device_time [N] ns; voltage V, current A, status [N, D] (0 =
+    good); temperature °C [D] or [N, D] (of a message's first sample), None if unknown. sequence0
+    is the index of sample 0. InputError for samples_per_message below 1.
     """
     size = samples_per_message
     if size < 1:
@@ -250,7 +251,7 @@ def drive_supply_blocks(
 def battery_block(
     stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike
 ) -> NDArray[np.uint8]:
-    """Encode N sensor_msgs/BatteryState; current [N] A is negative while drawing."""
+    """Encode N sensor_msgs/BatteryState as uint8 [N, size]: V [N], A [N], negative if drawn."""
     unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
     return encode_block(
         BATTERY_STATE,
@@ -284,7 +285,10 @@ def odometry_block(
     linear_velocity: Floats,
     angular_velocity: Floats,
 ) -> NDArray[np.uint8]:
-    """Encode N nav_msgs/Odometry: pose in `odom`, twist in `base`."""
+    """Encode N nav_msgs/Odometry: pose in `odom`, twist in `base`.
+
+    m, m/s and rad/s [N, 3]; quaternion x y z w [N, 4].
+    """
     columns = {
         **_vector('pose.pose.position', 'xyz', position),
         **_vector('pose.pose.orientation', 'xyzw', orientation),
@@ -319,9 +323,10 @@ Fields = Mapping[str, Any]
 
 @lru_cache(64)
 def own_fields(text: str, type_name: str) -> Fields:
-    """Return the fields by type of a definition: ROS 1 or 2 messages, or IDL as rosbag2 writes it.
+    """Parse a type's definition, with nested types, to their fields by type name.
 
-    Raises ValueError for a text that is not one, or too long.
+    text: a ROS 1 or 2 message, or IDL as rosbag2 writes it. ValueError for any other, or for more
+    than 128 KiB.
     """
     text = _BLANK.sub(r'\1', text)
     if len(text) > _LARGEST:
@@ -336,9 +341,10 @@ def own_fields(text: str, type_name: str) -> Fields:
 
 
 def fields_of(text: str, type_name: str, given: Fields) -> Fields:
-    """Return the fields of all types that a message may need.
+    """Return the fields, by type name, of all types that a message may need.
 
-    The bag's definition comes first, then `given`, then ROS 2 Jazzy's and this suite's.
+    text, the bag's own definition ('' if none), takes precedence over `given`, and that over ROS 2
+    Jazzy's and this suite's types. ValueError as of `own_fields`.
     """
     own = own_fields(text, type_name) if text else {}
     return {**typestore().fielddefs, **given, **own}

@@ -29,7 +29,7 @@ _LONGEST_TEXT = 4096  # bytes
 
 @dataclass(frozen=True)
 class Column:
-    """Numbers of one field: `count` in a row, or None for a single value."""
+    """Place of a field in a message: byte offset, type, and array length (None for a scalar)."""
 
     offset: int
     dtype: 'np.dtype[Any]'
@@ -78,7 +78,7 @@ class Layout:
             raise ValueError(f'cut off after {len(example)} bytes')
 
     def matches(self, messages: Bytes) -> Bools:
-        """Return a mask of those of messages [N, size] that have this layout."""
+        """Return a mask [N]: which of the messages [N, size] have this layout."""
         places, values = self._same
         return np.asarray((messages[:, places] == values).all(axis=1))
 
@@ -97,7 +97,10 @@ class Layout:
         return values[:, 0] if column.count is None else values
 
     def encode(self, count: int, columns: Mapping[str, ArrayLike]) -> Bytes:
-        """Return the example with the given columns, [count, size]; KeyError if unknown."""
+        """Return `count` copies of the example with new values by path, [count, size].
+
+        Values are [count] or [count, length]. KeyError for an unknown path, ValueError for shapes.
+        """
         block = np.tile(np.frombuffer(self._example, np.uint8), (count, 1))
         for path, values in columns.items():
             column = self.columns[path]

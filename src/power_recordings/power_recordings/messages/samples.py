@@ -18,7 +18,7 @@ class Samples:
         return len(self.stamp_ns)
 
     def rows(self, index: Any) -> Self:
-        """Return the samples at index."""
+        """Return the samples at `index`: a slice, a mask [N] or integers."""
         arrays = {
             f.name: getattr(self, f.name)[index]
             for f in fields(self)
@@ -51,7 +51,7 @@ class DriveSamples(Samples):
 
     @property
     def power(self) -> Singles:
-        """W [N, D], drawn by each drive."""
+        """Power drawn by each drive, W [N, D]."""
         return self.voltage * self.current
 
     @property
@@ -66,30 +66,30 @@ class DriveSamples(Samples):
 
     @property
     def lost(self) -> int:
-        """Samples missing by their sequence numbers."""
+        """Number of samples missing by their sequence numbers."""
         steps = np.diff(self.sequence.astype(np.int64))
         return int((steps - 1).clip(min=0).sum())
 
 
 @dataclass(frozen=True)
 class SupplySamples(Samples):
-    """The whole robot's supply."""
+    """N samples of the whole robot's supply."""
 
     voltage: Singles  # V [N]
     current: Singles  # A [N], negative while drawing (sensor_msgs/BatteryState)
 
     @property
     def power(self) -> Singles:
-        """W [N], positive = drawn by the robot."""
+        """Power drawn by the robot, W [N]."""
         return -self.voltage * self.current
 
 
 @dataclass(frozen=True)
 class MotorCurrentSamples(Samples):
-    """Currents that make the torque of D motors."""
+    """Torque-producing (quadrature-axis) currents of D motors."""
 
     names: tuple[str, ...]
-    current: Singles  # A [N, D], of the quadrature axis
+    current: Singles  # A [N, D]
 
 
 @dataclass(frozen=True)
@@ -121,14 +121,14 @@ class OdomSamples(Samples):
 
 @dataclass(frozen=True)
 class CmdVelSamples(Samples):
-    """Velocity commands."""
+    """Velocity commands to the robot's base."""
 
     velocity: Singles  # [N, 3]: vx, vy m/s, yaw rate rad/s
 
 
 @dataclass(frozen=True)
 class EstimateSamples(Samples):
-    """Estimates of the live node."""
+    """Power estimates that the live node published, of D drives and of the robot."""
 
     names: tuple[str, ...]
     model: tuple[str, ...]  # the models that made them

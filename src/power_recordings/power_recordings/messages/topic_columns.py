@@ -17,7 +17,7 @@ _MOST_LAYOUTS = 256  # of messages of one size
 
 
 class TooManyLayoutsError(Exception):
-    """Texts or lengths of arrays change in nearly every message of a topic."""
+    """Raised where texts or array lengths change in nearly every message of a topic."""
 
 
 class MessageSorter:
@@ -33,7 +33,7 @@ class MessageSorter:
     def sort(
         self, batch: Batch
     ) -> Iterator[tuple[Layout | None, NDArray[np.intp], NDArray[np.uint8]]]:
-        """Yield each layout with the places [N] and bytes [N, size] of its messages in a batch.
+        """Yield each layout with the indices [N] in the batch and bytes [N, size] of its messages.
 
         The layout of damaged messages is None. Raises TooManyLayoutsError.
         """
@@ -68,7 +68,7 @@ class MessageSorter:
 
 @dataclass
 class Block:
-    """Messages of one layout: their indices in the topic and their numbers."""
+    """N messages of one layout: indices in the topic [N], stamps [N], and numbers by path."""
 
     layout: Layout
     order: NDArray[np.int64]
@@ -83,7 +83,10 @@ class Block:
 
 @dataclass
 class Columns:
-    """The numbers of the messages of a topic, collected batch by batch."""
+    """The numbers of a topic's messages, collected batch by batch; paths: of the fields wanted.
+
+    Methods return values of all undamaged messages, N, in recorded order.
+    """
 
     topic: str
     type_name: str
@@ -123,7 +126,7 @@ class Columns:
         self.blocks.append(Block(layout, order, stamp, columns))
 
     def check(self) -> None:
-        """Raise InputError for too many different sets of names."""
+        """Raise InputError if names or array lengths change in nearly every message added."""
         if self._too_many_layouts:
             raise InputError(
                 f'{self.topic}: the names or array lengths change in nearly every message; '
@@ -131,7 +134,7 @@ class Columns:
             )
 
     def stamps(self) -> NDArray[np.int64]:
-        """Return the header stamps of messages in recorded order, ns [N]; no damaged ones."""
+        """Return the header stamps, ns [N]."""
         return self.in_order([block.stamp_ns for block in self.blocks])
 
     def scalars(self, path: str) -> NDArray[Any]:
@@ -139,11 +142,11 @@ class Columns:
         return self.in_order([block.columns[path] for block in self.blocks])
 
     def vector(self, path: str, axes: str) -> NDArray[Any]:
-        """Return the values of the fields `path`.x, .y … , [N, len(axes)]."""
+        """Return the fields `path`.x, .y … for the letters of `axes`, [N, len(axes)]."""
         return np.stack([self.scalars(f'{path}.{axis}') for axis in axes], axis=1)
 
     def names(self, path: str = 'name') -> tuple[str, ...]:
-        """Return all names in the order of their first occurrence."""
+        """Return the names in field `path`, each once, in the order of first occurrence."""
         blocks = sorted(self.blocks, key=lambda block: int(block.order[0]))
         return tuple(dict.fromkeys(name for block in blocks for name in block.strings(path)))
 
@@ -154,7 +157,11 @@ class Columns:
     def remapped(
         self, block: Block, path: str, names: Sequence[str], per_message: int = 1
     ) -> NDArray[Any]:
-        """Return the values of one block in the order of names, [N · per_message, D]."""
+        """Return an array field of one block in the order of names, [N · per_message, D].
+
+        Missing names get NaN (0 for integers). per_message: samples in each message. InputError
+        for an array of a wrong length.
+        """
         own = block.strings('name')
         values = block.columns[path]
         if values.dtype.kind == 'f':
@@ -179,7 +186,7 @@ class Columns:
     def in_order(
         self, parts: Sequence[NDArray[Any]], places: Sequence[NDArray[np.int64]] | None = None
     ) -> NDArray[Any]:
-        """Concatenate the values of all blocks in recorded order."""
+        """Concatenate arrays of all blocks in recorded order; places: row indices by block."""
         joined = np.concatenate(parts)
         order = np.concatenate(places or [block.order for block in self.blocks])
         if (np.diff(order) >= 0).all():

@@ -26,7 +26,7 @@ from power_recordings.messages.topic_columns import Columns
 
 @dataclass(frozen=True)
 class Kind:
-    """Conversion of a topic to samples: type, paths of the numbers, and constructor."""
+    """Conversion of a topic to samples: message type, field paths to read, and constructor."""
 
     type_name: str
     paths: tuple[str, ...]
@@ -132,7 +132,7 @@ TYPES: Mapping[str, str] = {
 
 
 def message_class(type_name: str) -> Any:
-    """Return the ROS class of `package/msg/Type`; InputError if its package is not there."""
+    """Return the ROS message class of `package/msg/Type`; InputError if not importable."""
     package, _, name = type_name.split('/')
     try:
         return getattr(import_module(f'{package}.msg'), name)

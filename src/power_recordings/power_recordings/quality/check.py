@@ -47,7 +47,11 @@ _LEAST_DRAWN = 0.1  # of the power, by the torque
 
 @dataclass(frozen=True)
 class DriveQuality:
-    """Figures of one drive; NaN for what was not recorded."""
+    """Figures of one drive; NaN for what was not recorded.
+
+    updates_hz: changes of power per second. power_slope: W per W of torque × speed.
+    velocity_slope: of velocity on the rate of the position. quadrants: share visited.
+    """
 
     updates_hz: float
     power_slope: float
@@ -62,7 +66,7 @@ class DriveQuality:
 
 @dataclass(frozen=True)
 class SupplyLine:
-    """Power of the robot as a line over the sum of its drives'."""
+    """Line fitted to the robot's power over the sum of its drives' powers."""
 
     slope: float
     offset: float  # W
@@ -71,7 +75,7 @@ class SupplyLine:
 
 @dataclass(frozen=True)
 class Quality:
-    """Timing by topic, figures by drive, and what is amiss."""
+    """Timing by topic, figures by drive, and findings; seconds: length of the recording."""
 
     seconds: float
     topics: Mapping[str, Timing]
@@ -83,7 +87,7 @@ class Quality:
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
     def content(self) -> dict[str, Any]:
-        """Return the figures as JSON has them, and as `schema.parse` reads them."""
+        """Return all figures as nested dicts for JSON, which `schema.parse` reads back."""
         return asdict(self)
 
 

@@ -15,7 +15,7 @@ from power_recordings.reading.reader import Recording
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is amiss in a recording.
+    """A fault in a recording, of one drive ('' for the whole), described by `text`.
 
     code: for programs. `severity`: `error` makes the recording useless for a power model as it is,
     `warning` does not. mend: the line of an import map that would mend it, '' where none would.
@@ -77,7 +77,7 @@ _SCALES: Final = (np.sqrt(_TURN / 60), np.sqrt(_TURN))
 
 
 def velocity_finding(drive: str, slope: float) -> Finding:
-    """Return what is amiss where velocity is `slope` times the rate of the position."""
+    """Return the error, with a likely cause, that velocity is `slope` × rate of position."""
     text = f'velocity is {slope:.3g} times the rate of the position'
     meaning, mend = _meaning(abs(slope), _OF_VELOCITY)
     if slope < 0:
@@ -91,7 +91,7 @@ def velocity_finding(drive: str, slope: float) -> Finding:
 
 
 def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) -> Finding | None:
-    """Return what is amiss with the slope or the size of power, None where nothing is."""
+    """Return the fault in units, sign or size of a drive's power, None if none is found."""
     slope, margin = balance.slope, 2 * balance.error
     if (geared := _gear_finding(drive, balance, gear_ratio)) is not None:
         return geared
@@ -152,7 +152,7 @@ def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | 
 
 
 def computed_findings(card: Card) -> list[Finding]:
-    """Return a finding for each drive whose power is a formula and no meter's reading."""
+    """Return a warning for each drive whose power was computed by firmware, not metered."""
     return [
         Finding(
             'computed_power',
@@ -168,7 +168,7 @@ def computed_findings(card: Card) -> list[Finding]:
 
 
 def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | None:
-    """Return a finding for a power that is its current times a constant."""
+    """Return a warning if a drive's voltage [N] never changes, else None."""
     known = voltage[np.isfinite(voltage)]
     if not len(known) or known.min() < known.max():
         return None
@@ -179,7 +179,7 @@ def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | Non
 
 
 def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
-    """Return the findings that count; those that need time do not of steady operating points."""
+    """Return the findings that apply; if `steady`, without those on timing."""
     return tuple(f for f in findings if not steady or f.code not in _OF_TIME)
 
 
@@ -199,7 +199,7 @@ _RECORD_WITH: Final = (
 
 
 def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[Finding]:
-    """Return what is amiss with the stamps of topics of the given timing."""
+    """Return findings on gaps, jitter and clock steps of topics; topics: timing by name."""
     found = []
     gappy = [n for n, t in topics.items() if t.gap_seconds > _GAPS * recording.duration]
     if gappy:
@@ -233,7 +233,7 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
 
 
 def loss_findings(losses: Mapping[str, SampleLoss], counts: Mapping[str, int]) -> list[Finding]:
-    """Return a finding for each topic with lost samples; counts: samples that there are."""
+    """Return a warning for each topic with lost samples; counts: samples present, by topic."""
     return [
         Finding(
             'lost',

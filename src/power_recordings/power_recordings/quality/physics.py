@@ -18,10 +18,9 @@ class Slope:
 
 
 def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | None:
-    """Return the slope of the velocity on the rate of the position [N]; 1 where both agree.
+    """Return the slope of velocity [N] on the rate of position [N]; near 1 where both agree.
 
-    None where the drive does not move enough to tell. The rate is taken over windows in which the
-    change of position is well above its noise.
+    time: s [N]. None where the drive does not move enough to tell.
     """
     good = np.isfinite(position) & np.isfinite(velocity)
     time, position, velocity = time[good], position[good], velocity[good]
@@ -40,7 +39,7 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
 
 @dataclass(frozen=True)
 class ShaftBalance:
-    """Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, its standard error, R² of the whole.
+    """Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, its standard error, and R² of the fit.
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
@@ -63,14 +62,14 @@ class ShaftBalance:
 
     @property
     def impossible(self) -> bool:
-        """True where far more comes out of the shaft than any meter or loss could hide."""
+        """True if shaft power exceeds metered power by more than any loss or meter explains."""
         return self.shaft > _IMPOSSIBLE * self.power
 
 
 def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalance | None:
-    """Return the balance of a drive's power [N], or of a robot's with its drives' motion [N, D].
+    """Fit the balance of a drive's power [N, W], or of a robot's with D drives.
 
-    None for too few samples.
+    torque: N·m, and velocity: rad/s, are [N] or [N, D]. None for fewer than 500 samples.
     """
     if len(power) < 10 * _ENOUGH:
         return None
@@ -107,7 +106,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
-    """Return the R² of P = a·τω + b·τ² + d: the power that the torque draws.
+    """Return the R² of P = a·τω + b·τ² + d, fitted to power [N], torque [N] and velocity [N].
 
     None for too few samples, or a power that does not vary.
     """
@@ -122,7 +121,7 @@ def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
 
 
 def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, float]:
-    """Return how much of torque–speed space was visited: share of cells, share of quadrants.
+    """Return shares of visited cells (cells × cells) and of visited quadrants in torque–speed.
 
     The space is the box from the 1st to the 99th percentile of each; a quadrant counts from 2 % of
     the samples on.

@@ -52,7 +52,10 @@ def refuse_wrong_units(
     *,
     overruled_by: str = '--ignore-unit-conflicts',
 ) -> None:
-    """InputError for drives whose signals contradict each other, with what would mend it."""
+    """Raise InputError if drives (all, if none is named) have a finding `error` on their signals.
+
+    A slow power does not count. overruled_by: the option that the message names; '' for none.
+    """
     wrong = [
         finding
         for finding in check_recording(_liveliest(recording)).findings
@@ -67,7 +70,7 @@ def refuse_wrong_units(
 
 
 def refuse_slow(recording: Recording, drives: Collection[str] = ()) -> None:
-    """InputError for drives whose power is too slow to be judged sample by sample."""
+    """Raise InputError if the power of one of `drives` (or any) changes less than 25 times/s."""
     if recording.card.steady:
         return
     meter, rate = slowest_power(recording, drives)

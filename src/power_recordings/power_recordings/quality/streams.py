@@ -31,7 +31,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class SampleLoss:
-    """Samples that a topic's sequence numbers miss, and the gaps that they are missing in."""
+    """Number of samples missing by a topic's sequence numbers, and of gaps."""
 
     samples: int
     gaps: int
@@ -62,11 +62,9 @@ def timing(stamps: Stamps) -> Timing:
 def updates(stamps: Stamps, values: Singles) -> Floats:
     """Return how often each of the columns [N, K] changes, in changes a second [K].
 
-    A table may repeat a slow meter's value in every row: rows are not updates. Time in gaps and
-    while the drive rests is not counted: the median rate of changes over stretches of 2 s is taken
-    of those that have any; below two changes a second, that of the times between changes. Where
-    nearly all rows change, the rest repeat by chance of the meter's resolution, and the rate is
-    that of the rows.
+    stamps: ns [N]. Gaps and rest do not count: the result is the median rate over stretches of 2 s
+    with changes, or, below 2 Hz, that of the times between changes. Where over 80 % of rows
+    change, repeats count as chance, and the rate is that of the rows.
     """
     seconds = (stamps - stamps[0]) / 1e9
     if len(seconds) < 3 or seconds[-1] <= 0:
@@ -93,9 +91,9 @@ def updates(stamps: Stamps, values: Singles) -> Floats:
 
 
 def clipped(values: Singles) -> float:
-    """Return the share of samples [N] that stand at one and the same extreme value in a row.
+    """Return the share of samples [N] that repeat the extreme value of the sample before.
 
-    An extreme near zero is rest, not clipping.
+    Extremes near zero (below 20 % of the largest magnitude) do not count.
     """
     finite = values[np.isfinite(values)]
     if len(finite) < 20 or finite.min() == finite.max():
@@ -119,7 +117,10 @@ def frozen(stamps: Stamps, values: Singles, moving: Bools) -> float:
 
 
 def values_at(stamps: NDArray[np.int64], values: Singles, wanted: NDArray[np.int64]) -> Floats:
-    """Means of a faster signal around the wanted stamps, or interpolated values of a slower."""
+    """Return values [M] at wanted stamps [M]: means of a faster signal, or interpolated.
+
+    stamps: ns [N]; values: [N]. NaN where there are none.
+    """
     finite = np.isfinite(values)
     if finite.sum() < 2:
         return np.full(len(wanted), np.nan)

@@ -22,9 +22,9 @@ _COMPUTED = re.compile(r'\b(virtual|generated|as)\b', re.IGNORECASE)
 
 
 class SqliteFile:
-    """A .db3 file, read only, without running what is stored in it: plain tables alone are read.
+    """A .db3 file, opened read-only; views, triggers and generated columns are not evaluated.
 
-    `problems` is complete once `batches` is exhausted. Raises InputError for anything else.
+    `problems` is complete once `batches` is exhausted. Raises InputError for other files.
     """
 
     def __init__(self, path: Path) -> None:
@@ -39,7 +39,7 @@ class SqliteFile:
             raise InputError(f'{path}: not a readable bag: {printable(str(error))}') from None
 
     def batches(self) -> Iterator[Batch]:
-        """Yield the messages in the order of their times; what is damaged ends them."""
+        """Yield the messages in the order of their times, up to the first damage."""
         waiting: dict[int, list[tuple[int, bytes]]] = {}
         seen = rows = 0
         try:
@@ -93,7 +93,7 @@ class SqliteFile:
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag folder or a single file of one."""
+    """A recording on disk: the files of a bag folder, or a single file."""
 
     path: Path
     folder: Path

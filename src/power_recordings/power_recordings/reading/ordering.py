@@ -14,10 +14,10 @@ _JUDGED = 20_000  # steps
 
 
 def longest_step(steps: Floats) -> float:
-    """Return the longest of a stream's steps [s] that is no gap.
+    """Return the duration [s] above which one of a stream's steps [N] counts as a gap.
 
-    2.5 periods; of a loop without a fixed rate (9 to 28 ms, say) 40 ms at least, over which the
-    smoothed signals are still resolved.
+    2.5 median steps; of a loop without a fixed rate (9 to 28 ms, say) 40 ms at least, over which
+    the smoothed signals are still resolved. Infinite without steps.
     """
     if not len(steps):
         return np.inf
@@ -28,7 +28,7 @@ def longest_step(steps: Floats) -> float:
 
 
 def ascending(stamps: Stamps) -> Bools:
-    """Return a mask [N] of the most samples whose stamps ascend strictly.
+    """Return a mask [N] that keeps as many samples as possible with strictly ascending stamps.
 
     Runs in which time moves forwards are kept: of a single stamp far ahead and all that follow,
     the single one is dropped; after a clock was set back, samples are dropped until time goes on.

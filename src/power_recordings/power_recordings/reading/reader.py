@@ -68,11 +68,10 @@ class Recording:
     def open(cls, path: Path, most_messages: int | None = None, every: int = 1) -> Self:
         """Read a bag folder or .mcap file of any program.
 
-        A recording that was cut off is read up to there; with most_messages, a longer one no
-        further than the chunk that reaches them; with every, of the chunks of an MCAP file after
-        the first few only every n-th. Raises InputError if it is empty or not a bag. Errors of a
-        topic (another type or definition, arrays of a wrong length) are raised by the method that
-        returns it.
+        A recording that was cut off is read up to there. most_messages: stop after the chunk that
+        reaches this count. every: read only every n-th chunk of an MCAP file after the first few.
+        Raises InputError if it is empty or not a bag. Errors of a topic (another type or
+        definition, arrays of a wrong length) are raised by the method that returns it.
         """
         path = Path(path)
         bag = bag_folder.find(path)
@@ -109,7 +108,7 @@ class Recording:
 
     @classmethod
     def in_memory(cls, name: str, samples: Mapping[str, Samples]) -> Self:
-        """Make a recording from samples by topic (`joint_states` and so on).
+        """Make a recording with path `name` from samples by topic (`joint_states` and so on).
 
         Raises InputError for a topic that is not one of the suite's, or if there are no samples.
         """
@@ -144,7 +143,10 @@ class Recording:
         return Card.load(self.folder) if (self.folder / FILE).exists() else Card()
 
     def between(self, start_ns: int, end_ns: int) -> Self:
-        """Return the recording with the samples of a time alone; its span stays what it is."""
+        """Return the recording with only the samples in [start_ns, end_ns), ROS time in ns.
+
+        `start_ns`, `end_ns` and `duration` of the result stay those of the whole.
+        """
         samples = {
             name: part.rows(slice(*np.searchsorted(part.stamp_ns, [start_ns, end_ns])))
             for name, part in self.whole()._samples.items()
@@ -153,9 +155,9 @@ class Recording:
         return replace(self, _samples=some, _let_go={}, _reread=False)
 
     def lighter(self) -> Self:
-        """Return the recording without its samples, which `whole` reads anew.
+        """Return the recording without its samples, to save memory; `whole` reads them again.
 
-        One that its file does not have as it is, made in memory or cut, keeps them.
+        A recording made in memory or by `between` keeps its samples.
         """
         if self._let_go or not self._reread:
             return self
@@ -163,9 +165,9 @@ class Recording:
         return replace(self, _samples={}, _let_go=names)
 
     def whole(self) -> Self:
-        """Return the recording with its samples, which are read once more if it let them go.
+        """Return the recording with its samples, reading its file again after `lighter`.
 
-        InputError if the file is no longer what it was.
+        InputError if the file has changed.
         """
         if not self._let_go:
             return self
@@ -188,7 +190,7 @@ class Recording:
         return name in self._samples or name in self._errors or name in self._let_go
 
     def breaks(self, name: str) -> NDArray[np.int64]:
-        """Return the stamps [ns] of samples of a topic before which samples were cut out."""
+        """Return stamps, ns [B], of a topic's samples directly after samples that were dropped."""
         return self._breaks[name]
 
     def drive_supply(self) -> DriveSamples:
@@ -200,19 +202,19 @@ class Recording:
         return cast(JointSamples, self._get('joint_states'))
 
     def joint_commands(self) -> JointSamples:
-        """Targets of the joints."""
+        """Commanded positions, velocities and torques of the joints."""
         return cast(JointSamples, self._get('joint_commands'))
 
     def motor_current(self) -> MotorCurrentSamples:
-        """Currents that make the motors' torque."""
+        """Torque-producing currents of the motors."""
         return cast(MotorCurrentSamples, self._get('motor_current'))
 
     def supply(self) -> SupplySamples:
-        """The whole robot's supply."""
+        """Voltage and current of the whole robot's supply."""
         return cast(SupplySamples, self._get('supply'))
 
     def power_estimate(self) -> EstimateSamples:
-        """Estimates that were made live."""
+        """Power estimates that were published during the recording."""
         return cast(EstimateSamples, self._get('power_estimate'))
 
     def foot_force(self) -> FootForceSamples:

@@ -43,7 +43,7 @@ class Ros1File:
                 raise InputError(f'{path}: not a bag: it does not begin with #ROSBAG V2.0')
 
     def batches(self) -> Iterator[Batch]:
-        """Yield the messages; what is damaged is left out and noted in `problems`."""
+        """Yield the messages; damaged parts are left out and noted in `problems`."""
         with self.path.open('rb') as file:
             file.seek(len(_MAGIC))
             try:

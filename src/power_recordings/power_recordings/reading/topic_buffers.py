@@ -15,7 +15,8 @@ _MOST = 20_000  # messages
 class TopicBuffer:
     """Keeps the CDR bytes of a topic's messages and decodes them when it is drained.
 
-    Arrival times are in s on a steady clock. Beyond 20,000 messages the oldest are dropped.
+    count: messages so far; last: arrival of the newest, s on a steady clock; fault: error of the
+    latest `drain`, '' if none. Beyond 20,000 messages the oldest are dropped.
     """
 
     def __init__(self, topic: str) -> None:
@@ -29,7 +30,7 @@ class TopicBuffer:
         self.fault = ''
 
     def take(self, cdr: bytes, now: float) -> None:
-        """Keep a message for later."""
+        """Buffer a message that arrived at `now` [s]."""
         self._waiting.append(cdr)
         self.count += 1
         self.last = now
@@ -61,6 +62,6 @@ class TopicCounter:
         self.last: float | None = None
 
     def take(self, cdr: object, now: float) -> None:
-        """Count a message."""
+        """Count a message that arrived at `now` [s]."""
         self.count += 1
         self.last = now

@@ -18,7 +18,7 @@ _FLUSH_PERIOD = 0.5  # s
 
 
 class SequenceCheck:
-    """Counts lost samples by the sequence numbers of DriveSupply messages."""
+    """Counts samples, lost samples and gaps (`places`) of DriveSupply by sequence number."""
 
     def __init__(self) -> None:
         self.samples = 0
@@ -54,7 +54,7 @@ class SequenceCheck:
 
 @dataclass(frozen=True)
 class RecordingProgress:
-    """Progress of a recording."""
+    """Progress of a recording; seconds: since its start."""
 
     seconds: float
     counts: Mapping[str, int]  # messages written, by topic
@@ -100,7 +100,7 @@ class BackgroundRecorder(Worker):
         self.start()
 
     def put(self, name: str, log_time_ns: int, cdr: bytes) -> None:
-        """Take a message of a topic without waiting for the disk."""
+        """Queue a message (CDR bytes) of a declared topic without waiting for the disk."""
         if self.failed or self._taken - self._written > self._most:
             self._dropped[name] += 1
             return
@@ -126,7 +126,7 @@ class BackgroundRecorder(Worker):
 
     @property
     def cause_of_drops(self) -> str:
-        """Cause of dropped messages, in words."""
+        """Reason why messages are dropped, as text."""
         return f'writing failed ({self._error})' if self.failed else 'the disk was too slow'
 
     def summary(self) -> str:
@@ -148,7 +148,7 @@ class BackgroundRecorder(Worker):
         return '\n'.join([*lines, f'{end.seconds:.1f} s, {end.size / 1e6:.1f} MB'])
 
     def measured(self) -> tuple[str, ...]:
-        """Return the drives of the first drive_supply."""
+        """Return the drives in the first message of drive_supply; empty before that."""
         return () if self._supply is None else tuple(deserialize(DRIVE_SUPPLY, self._supply).name)
 
     def close(self) -> None:

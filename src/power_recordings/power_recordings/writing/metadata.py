@@ -38,7 +38,7 @@ class Qos:
             raise InputError(f'QoS depth is {self.depth}; it must be at least 1')
 
     def profile(self) -> dict[str, Any]:
-        """Return the profile with rosbag2's keys."""
+        """Return the profile as a mapping with rosbag2's keys."""
         return {
             'history': self.history,
             'depth': self.depth,
@@ -70,7 +70,7 @@ class TopicSummary:
 def information(
     file_name: str, topics: Sequence[TopicSummary], start_ns: int, end_ns: int
 ) -> dict[str, Any]:
-    """Return the content of `rosbag2_bagfile_information` for a bag of one file."""
+    """Return the content of `rosbag2_bagfile_information` for a bag of one MCAP file."""
     duration = {'nanoseconds': end_ns - start_ns}
     start = {'nanoseconds_since_epoch': start_ns}
     count = sum(topic.count for topic in topics)
@@ -110,10 +110,10 @@ def information(
 
 
 class CardFile:
-    """`card.yaml` in the folder of a recording, written anew with each fact that comes.
+    """`card.yaml` in the folder of a recording, rewritten with each fact that is added.
 
-    given: the user's entries, which go before what sources tell. RecordingError where the disk
-    refuses.
+    given: the user's entries, which take precedence over those of sources. Methods raise
+    RecordingError if the file cannot be written.
     """
 
     def __init__(self, given: Card, folder: Path) -> None:
@@ -124,18 +124,18 @@ class CardFile:
         given.save(folder)
 
     def add_source(self, source: Card) -> None:
-        """Take what a source tells of its drives: torque, velocity and calibration."""
+        """Add a source's facts on its drives: torque, velocity and calibration."""
         if source not in self._sources:
             self._sources.append(source)
             self._save()
 
     def add_mark(self, stamp_ns: int, text: str) -> None:
-        """Take a note of the time stamp_ns."""
+        """Add a note taken at ROS time stamp_ns [ns]."""
         self._given = self._given.with_mark(stamp_ns, text)
         self._save()
 
     def add_drives(self, measured: Sequence[str]) -> None:
-        """Take the names of the measured drives."""
+        """Set the names of the measured drives."""
         self._drives = tuple(measured)
         self._save()
 

@@ -194,7 +194,8 @@ class BagWriter:
     def write(self, topic: int, log_time_ns: int, cdr: bytes) -> None:
         """Add a message that arrived at log_time_ns.
 
-        Raises RecordingError if the disk refuses (the bag is then closed) or the bag is closed.
+        Raises RecordingError if the disk refuses (the bag is then closed) or the bag is closed,
+        InputError for a topic that `add_topic` did not return.
         """
         self._must_be_open()
         if topic not in self._topics:
@@ -299,9 +300,9 @@ class BagWriter:
 
 @contextmanager
 def staged(path: Path) -> Iterator[Path]:
-    """Give the place of a recording that becomes `path` at the end; an error leaves nothing.
+    """Yield a temporary path for a recording, which is moved to `path` if no error occurs.
 
-    Raises RecordingError where it cannot be there.
+    After an error nothing is left. Raises RecordingError where `path` cannot be written.
     """
     there = next(parent for parent in path.absolute().parents if parent.exists())
     try:
@@ -322,7 +323,10 @@ def staged(path: Path) -> Iterator[Path]:
 
 
 def make_way(path: Path, overwrite: bool, *, remove: bool = True) -> None:
-    """Remove a recording that is to be replaced; InputError for one that may not be."""
+    """Remove a recording at `path` to replace it; without `remove`, only check that one may.
+
+    InputError if something is there that is no recording or, without `overwrite`, anything.
+    """
     try:
         path.lstat()
     except FileNotFoundError:

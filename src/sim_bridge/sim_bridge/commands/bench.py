@@ -24,7 +24,7 @@ def _stand(options: argparse.Namespace) -> Stand:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write the bag of a motion."""
+    """Simulate a motion on the stand and write its bag, with options as of `bench`."""
     find_motion(options.motion, options.mode)
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
     pull = Load(stand.mass, stand.length).pull

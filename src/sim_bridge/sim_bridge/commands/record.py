@@ -25,7 +25,7 @@ _APART = 100  # seeds between controllers, more than a set has recordings
 
 @dataclass(frozen=True)
 class RecordingPlan:
-    """One recording of a set."""
+    """One recording of a set; drives: those metered; fastest: as of `plans`."""
 
     name: str
     seed: int
@@ -45,8 +45,9 @@ def plans(
 ) -> tuple[RecordingPlan, ...]:
     """Return the recordings of the set `paper` or `robustness`, with seeds that count up.
 
-    controllers: policies that walk the set `paper`, by name or folder, each all of it. fastest:
-    of its random commands, m/s, m/s, rad/s.
+    which: `paper` or `robustness`. controllers: policies by name or folder; with several, the set
+    `paper` is recorded once with each. fastest: limits of its random velocity commands: m/s
+    forwards, m/s sideways, rad/s; default those of `CommandRange`.
     """
     if which == 'paper':
         alone = len(controllers) == 1
@@ -81,11 +82,10 @@ def record(
     loaded: Plant | None = None,
     progress: bool = True,
 ) -> bool:
-    """Make one recording; False if it is there already.
+    """Make one recording in a folder; return False if it is there already, complete.
 
-    loaded: the plant, where this machine may lack its file.
-    The card says when a recording is whole, for it is written last. InputError if one of other
-    settings is there, or for a duration outside 1..36000 s.
+    plant: file or name; loaded: the same plant in memory, where the file may be absent. InputError
+    if a recording of other settings is there, or for a duration outside 1..36000 s.
     """
     if not _SHORTEST <= seconds <= _LONGEST:
         raise InputError(f'--seconds is {seconds:g}; it must lie in {_SHORTEST:g}..{_LONGEST:g}')
@@ -138,7 +138,7 @@ def _age(options: argparse.Namespace) -> int:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make the recordings that are not there yet."""
+    """Make those recordings of a set that do not exist yet; return the exit status."""
     if options.plan is not None:
         return _age(options)
     place = options.place

@@ -12,13 +12,13 @@ from sim_bridge.plant.parameters import Plant
 
 
 def load_plant(source: str, unit: int | None) -> Plant:
-    """Return a plant or, unless None, a unit of it; InputError for an unknown one."""
+    """Load a plant by file or name, as unit `unit` unless None; InputError if unknown."""
     plant = Plant.load(source)
     return plant if unit is None else plant.unit(unit)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the node until Ctrl-C, or with --offline write a bag; 2 for bad input."""
+    """Run the node until Ctrl-C, or with --offline write a bag; return the exit status."""
     if options.offline:
         return _offline(options)
 

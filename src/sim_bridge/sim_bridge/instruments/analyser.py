@@ -23,12 +23,11 @@ _CHUNK: Final = 200_000  # rows
 
 @schema
 class AnalyserParameters:
-    """The analyser and its clock.
+    """Parameters of the power analyser and its clock.
 
-    Its clock shows offset at the start of the run and drifts; its rows are means over their
-    period, stamped at the middle of it. ripple is the current that the inverter's commutation
-    adds, as a share of the current; it is left out under 2 kHz, for there the plant's steps could
-    not show it to the meter. Noise and ripple are assumed.
+    Rows are means over their period, stamped at the middle of it. ripple: current that the
+    inverter's commutation adds, as a share of the current; it is left out under 2 kHz, for there
+    the plant's steps could not show it to the meter. Noise and ripple are assumed.
     """
 
     rate: Annotated[float, Quantity(100.0, 1e6, 'Hz', 'rows per second')] = 20_000.0
@@ -47,19 +46,19 @@ class Analyser:
     """
 
     def __init__(self, parameters: AnalyserParameters, clock: DeviceClock, seed: int = 0) -> None:
-        """clock: of the plant's steps."""
+        """Make an analyser; clock: times the plant's steps; seed: of noise and ripple."""
         self._given = parameters
         self._clock = clock
         self._random = np.random.default_rng([seed, 0xA7A1])
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 
     def watch(self, block: PlantBlock) -> None:
-        """Add the next block."""
+        """Add the next block of the plant; only the first drive is logged."""
         current = block.power[:, 0] / block.voltage
         self._blocks.append((block.voltage.copy(), current, block.position[:, 0].copy()))
 
     def rows(self) -> Floats:
-        """Return the log: time s (of its own clock), V, A, W [N, 4]."""
+        """Return the log [N, 4]: time in s of the analyser's clock, V, A, W."""
         given = self._given
         voltage, current, angle = (
             np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
@@ -97,7 +96,7 @@ class Analyser:
         return ripple
 
     def save(self, path: Path) -> int:
-        """Write the log and return its number of rows; InputError if the path cannot be."""
+        """Write the log as CSV and return its number of rows; RecordingError if that fails."""
         rows = self.rows()
         text = io.StringIO()
         text.write(
@@ -118,7 +117,7 @@ def _between(edges: Floats, means: Floats) -> CubicSpline:
 
 
 def check_output(path: Path) -> None:
-    """Raise InputError unless a log can be written to a path."""
+    """Raise InputError unless a path ends in .csv and lies in an existing folder."""
     if path.suffix.lower() != '.csv':
         raise InputError(f'--analyser {str(path)!r}: end it in .csv')
     if path.is_dir() or not path.absolute().parent.is_dir():

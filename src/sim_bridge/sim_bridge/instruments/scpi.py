@@ -54,7 +54,7 @@ class Terminals:
 
 
 class SupplyState:
-    """Settings, output, remote control and error queue behind SCPI lines."""
+    """State of the emulated supply: set points (V, A), output, remote control, error queue."""
 
     def __init__(self, terminals: Callable[[], Terminals], output: bool = True) -> None:
         self._terminals = terminals
@@ -64,7 +64,7 @@ class SupplyState:
         self.heard: deque[str] = deque(maxlen=1000)
 
     def answer(self, line: str) -> str | None:
-        """Return the answer to a line, None for none; errors go into the queue."""
+        """Execute a command line; return the answer if it is a query; errors are queued."""
         self.heard.append(line)
         header, _, argument = line.strip().partition(' ')
         words = header.upper().removesuffix('?').lstrip(':').split(':')
@@ -76,7 +76,7 @@ class SupplyState:
         return None
 
     def error(self, code: int) -> None:
-        """Put an error into the queue."""
+        """Queue an error code; a full queue ends with −350."""
         if len(self._errors) < _MOST_ERRORS:
             self._errors.append(code)
         else:
@@ -146,15 +146,15 @@ class SupplyState:
 
 
 def whole(_: str, answer: str) -> Sent:
-    """Return an answer as one piece without a delay."""
+    """Return an answer as one piece without a delay; the default `send` of `ScpiInstrument`."""
     return [(0.0, answer.encode('ascii') + b'\n')]
 
 
 class ScpiInstrument(socketserver.TCPServer):
     """Server of a SupplyState on a TCP socket, in a thread, for one client at a time.
 
-    send gives, for a question and its answer, the pieces that go out and the s to wait before
-    each: where tests spoil what the instrument says. Port 0 takes a free one.
+    send: returns, for a query and its answer, pairs of a delay in s and the bytes to send, so that
+    tests can corrupt answers. port: 0 takes a free one. InputError if the port is taken.
     """
 
     allow_reuse_address = True
@@ -197,7 +197,7 @@ class ScpiInstrument(socketserver.TCPServer):
         self.server_close()
 
     def finish_request(self, request: Any, client_address: Any) -> None:
-        """Serve a client until it leaves, instead of by a handler."""
+        """Serve a client until it disconnects; overrides that of `TCPServer`."""
         self.connections += 1
         self._client = request
         # A client that came after `drop` would hold up `close`.

@@ -41,7 +41,7 @@ class SamplePublisher:
     """Publisher of imu, foot_force, odom, supply and frames, optionally of /clock."""
 
     def __init__(self, node: Node, world: World, clock: DeviceClock, with_clock: bool) -> None:
-        """Stamps are relative to `start_ns`, the ROS time of step 0."""
+        """Create the publishers; set `start_ns`, the ROS time of step 0, before `publish`."""
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._clock, self.start_ns = clock, 0
         self._imu = node.create_publisher(Imu, 'imu', qos)
@@ -148,7 +148,10 @@ class RobotFrames:
     def publish(
         self, stamp: tuple[int, int], base: Floats, orientation: Floats, joints: Floats
     ) -> None:
-        """stamp: s, ns; base: m [3] in odom; orientation: x y z w [4]; joints: rad [D]."""
+        """Publish all frames at a stamp (s, ns).
+
+        base: m [3] in odom; orientation: x y z w [4]; joints: rad [D].
+        """
         half = joints[:, None] / 2
         rotations = np.hstack([self._axes * np.sin(half), np.cos(half)])
         transforms = self._message.transforms

@@ -28,14 +28,14 @@ class FrameEncoder:
     """Encoder of readings as frames in the order of time, with rolling counters."""
 
     def __init__(self, bus: BusDescription, joints: Sequence[str], clock: DeviceClock) -> None:
-        """InputError for a joint that the bus lacks."""
+        """Make an encoder; InputError for a joint that the bus lacks."""
         self._bus = bus
         self._clock = clock
         self._columns = BusColumns(bus, joints)
         self._counts = {name: count() for name in ('electrical', 'joints', 'temperature')}
 
     def encode(self, samples: InstrumentReadings) -> list[can.Message]:
-        """Return SYNC and electrical frames at 1 kHz, joints at 400 Hz, temperatures at 10 Hz."""
+        """Return a block's frames: SYNC and electrical 1 kHz, joints 400 Hz, temperature 10 Hz."""
         bus, timed = self._bus, []
         meter, joints, warmth = samples.electrical, samples.joints, samples.temperature
         wide = self._spread(meter.voltage, meter.current, meter.status)
@@ -66,7 +66,7 @@ class SimulatedBus:
     """The bus of the simulated devices; the host of a Unix socket."""
 
     def __init__(self, interface: str, channel: str) -> None:
-        """InputError for an unknown interface or a channel that cannot be opened."""
+        """Open the bus; InputError for an unknown interface or an unusable channel."""
         if interface not in INTERFACES:
             raise InputError(f'interface is {interface!r}; it is one of {", ".join(INTERFACES)}')
         options: dict[str, Any] = {'host': True} if interface == 'unixsocket' else {}
@@ -133,7 +133,7 @@ class LivePlant:
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """send: takes frames; publish: takes samples; now and sleep: s of a steady clock."""
+        """Make a plant; send, publish: receive each block; now, sleep: a steady clock, in s."""
         self.simulation = simulation
         self._instruments = instruments
         self._encoder = encoder
@@ -151,7 +151,7 @@ class LivePlant:
 
     @property
     def stale(self) -> bool:
-        """True once commands have stopped coming."""
+        """True once the last command is more than 0.1 s old; False before the first."""
         commanded = self._commanded  # a reset by the plant's thread may take it away meanwhile
         return commanded is not None and self._now() - commanded[0] > STALE_AFTER
 
@@ -173,11 +173,7 @@ class LivePlant:
         return progress
 
     def run(self, stop: Flag) -> None:
-        """Run until stop is set.
-
-        A block is computed while its time passes and handed on at its end, so that the last
-        sample in it is as fresh as on hardware.
-        """
+        """Run in real time until stop is set; blocks are sent at the time of their last step."""
         start = last = self._now()
         late = 0.0
         while not stop.is_set():
@@ -195,7 +191,7 @@ class LivePlant:
             last = now
 
     def advance(self, steps: int) -> None:
-        """Run steps at once and hand on what was sampled."""
+        """Run a number of steps without waiting; send their frames and publish their samples."""
         samples, frames = self._compute(steps)
         self._send(frames)
         self._publish(samples)
@@ -244,7 +240,7 @@ def joint_command(
     effort: Sequence[float],
     absent: Collection[str] = (),
 ) -> JointCommand:
-    """Return the command of a JointState message's fields, in the order of joints.
+    """Return the command of a JointState message's fields (rad, rad/s, N·m), in joints' order.
 
     An empty field commands nothing; a joint that is not named, or whose value is not finite,
     is damped; joints that are absent may be named, to no effect, as on a bus where their drives

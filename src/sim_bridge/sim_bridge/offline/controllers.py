@@ -24,7 +24,7 @@ CONTROLLERS = (*POLICIES, 'stand')
 class Controller(Protocol):
     """Source of joint commands, one every `period` steps of 0.5 ms.
 
-    velocity: that commanded for the base, m/s, m/s and rad/s [3], or None.
+    velocity: commanded for the base, vx, vy m/s and yaw rate rad/s [3], or None.
     """
 
     name: str
@@ -47,7 +47,7 @@ class PolicyWalk:
     """
 
     def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
-        """commands: vx, vy in m/s, yaw rate in rad/s [3] over time, s."""
+        """Make a walk; commands: maps time, s, to vx, vy in m/s and yaw rate in rad/s, [3]."""
         self.name = name
         self.period = round(1.0 / policy.rate / STEP)
         self.velocity: Floats | None = np.zeros(3)
@@ -79,7 +79,7 @@ class PolicyWalk:
 
 
 class SensedWalk(PolicyWalk):
-    """A policy as on the robot: its inputs are what the sensors read one joint sample ago.
+    """A policy whose inputs are sensor readings, one joint sample old, as on the robot.
 
     The base's velocity is not among them; legs and IMU estimate it.
     """
@@ -88,7 +88,7 @@ class SensedWalk(PolicyWalk):
     _on_the_bus: tuple[JointReadings, BodyReadings] | None = None
 
     def sense(self, joints: JointReadings, body: BodyReadings | None) -> None:
-        """Take the last sample but one: the last is still on the bus."""
+        """Take new readings; the policy sees all but the last sample, which is in transit."""
         if body is None or not len(joints.step):
             return
         if len(joints.step) > 1:
@@ -111,7 +111,7 @@ class SensedWalk(PolicyWalk):
         self._fresh = True
 
     def command(self, simulation: Simulation) -> JointCommand:
-        """Return joint targets for what was sensed, rad; at first for the true state."""
+        """Return joint targets, rad, from the sensed state; before any, from the true one."""
         if not self._fresh:
             self._look(simulation)
         return self._act(simulation.time, None)

@@ -37,7 +37,7 @@ def record_history(
 
 
 def bag_names(plan: AgeingPlan, prefix: str = 'day') -> list[str]:
-    """Return names of the recordings, by number and day."""
+    """Return the folder names of a plan's recordings: prefix, number and day."""
     return [f'{prefix}_{index:03d}_{day.day:g}' for index, day in enumerate(plan.days)]
 
 

@@ -19,14 +19,19 @@ def bench_motion(
     seconds: float | None = None,
     pull: float = 0.0,
 ) -> MotionFile:
-    """Return a shipped motion or a file's, for a load's pull, N·m; InputError for bad ones."""
+    """Load a motion by shipped name or file, with changes; InputError for an invalid one.
+
+    mode: `position`, `velocity` or `torque`, as the motion has it; its first if None. amplitude:
+    in the mode's unit; frequency: Hz; seconds: of each segment with an amplitude. pull: largest
+    torque of the load's weight, N·m.
+    """
     return find_motion(wanted, mode).changed(amplitude, frequency, seconds).with_pull(pull)
 
 
 class MotionController:
     """Controller of a motion for the one drive of a stand, as planned by `drive_bench run`.
 
-    It hangs at 0 rad. A segment that lasts until the winding is warm goes by the winding itself.
+    The load hangs at 0 rad. Segments that end at a winding temperature use the simulated one.
     """
 
     period = 5
@@ -35,7 +40,7 @@ class MotionController:
     def __init__(
         self, motion: MotionFile, mounting: Mounting | None = None, ramps: Ramps | None = None
     ) -> None:
-        """InputError for a motion that the load cannot take."""
+        """Make a controller; InputError for a motion that the load's mounting forbids."""
         self.motion = motion
         self.name = f'motion {motion.name}' + (f', {motion.mode} mode' if motion.mode else '')
         self._mounting, self._ramps = mounting or Mounting(), ramps or Ramps()

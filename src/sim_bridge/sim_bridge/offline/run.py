@@ -40,7 +40,7 @@ class BagTopics:
     def __init__(
         self, bag: BagWriter, joints: Sequence[str], measured: Sequence[str], device: str
     ) -> None:
-        """joints: of joint_states; measured: of drive_supply; device: its frame_id."""
+        """joints: of joint_states; measured, device: drives, frame of drive_supply."""
         self._bag = bag
         self._topics: dict[str, int] = {}
         self._samples = 0
@@ -59,7 +59,7 @@ class BagTopics:
         }
 
     def write(self, telemetry: Telemetry) -> None:
-        """Add a stretch; RecordingError where the disk refuses."""
+        """Add half a second of telemetry; RecordingError where the disk refuses."""
         blocks = []
         for name, rows in telemetry.topics.items():
             values: dict[str, Any] = rows.values
@@ -115,7 +115,7 @@ def _diagnostic(stamp: int, falls: Sequence[Event], counts: dict[str, int]) -> b
 
 
 class OfflineRun:
-    """A seeded run of a plant in a world under a controller.
+    """A seeded run of a plant in a world under a controller, an iterator of `Telemetry`.
 
     The same arguments give the same telemetry. InputError for a duration outside 0.1..36000 s, a
     negative seed, or drives that the world or the bus does not have.
@@ -156,7 +156,7 @@ class OfflineRun:
         )
 
     def card(self, robot: str, *, notes: str, **other: Any) -> Card:
-        """Return the card of its recording, with further entries."""
+        """Return the card of the run's recording, with `other` entries."""
         return Card(
             robot=robot,
             unit=other.pop('unit', str(self.plant.unit_number)),
@@ -196,12 +196,13 @@ class WalkOptions(TypedDict, total=False):
 def walking_run(
     plant: Plant, *, duration: float, seed: int, **options: Unpack[WalkOptions]
 ) -> OfflineRun:
-    """Return a run of ANYmal C.
+    """Return a run of ANYmal C; iterating it simulates and yields `Telemetry`.
 
     controller: name or folder of a policy, or `stand`; `trot` if absent. terrain: flat (if absent)
     or rough. pushes: every few seconds. drives: those whose power is metered, all if absent.
     velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if absent. fastest: of the
     random ones. trust_code: run a TorchScript file as controller. payload: on the base, kg.
+    InputError for bad values.
     """
     terrain = options.get('terrain', 'flat')
     if terrain not in TERRAINS:

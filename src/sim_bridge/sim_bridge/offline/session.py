@@ -18,7 +18,7 @@ _DOWN = 2000  # steps on the ground after a fall
 
 @dataclass(frozen=True)
 class CommandSamples:
-    """N commands."""
+    """N commands to the drives."""
 
     step: NDArray[np.int64]  # [N], held from the end of this step on
     values: dict[str, Floats]  # position rad, velocity rad/s, effort N·m, as given [N, D]
@@ -27,7 +27,7 @@ class CommandSamples:
 
 @dataclass(frozen=True)
 class Event:
-    """A fall or a push, with its sentence for the user."""
+    """A `fall` or `push` (`kind`) at a step, with a sentence for the user."""
 
     step: int
     kind: str
@@ -65,7 +65,7 @@ def random_push(random: np.random.Generator) -> Floats:
 
 
 class SimulatedSession:
-    """A simulation under a controller; a second after a fall it is reset."""
+    """A simulation with instruments under a controller; it is reset 1 s after a fall."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class SimulatedSession:
         pushes: Pushes | None = None,
         watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
-        """watch: called with every block before it is measured."""
+        """Make a session; watch: is called with every block before it is measured."""
         self.simulation = simulation
         self._watch = watch
         self._instruments = instruments
@@ -85,7 +85,7 @@ class SimulatedSession:
         self._events: list[Event] = []
 
     def run(self, duration: float) -> Iterator[SessionPart]:
-        """Yield stretches of duration seconds in all, rounded up to whole commands."""
+        """Yield parts of 0.5 s for `duration` s in all, rounded up to whole command periods."""
         last = self.simulation.steps + round(duration / STEP)
         while self.simulation.steps < last:
             yield self._stretch(min(last, self.simulation.steps + _STRETCH))

@@ -39,7 +39,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """One stretch: rows by topic, as far as the world has it, and events."""
+    """Half a second of a run: rows of each topic that the world has, and events."""
 
     topics: Mapping[str, Rows]
     events: tuple[Event, ...] = ()
@@ -56,7 +56,7 @@ class Wire:
         clock: DeviceClock,
         initial_temperature: Floats,
     ) -> None:
-        """joints: of the world. measured: those that are metered. initial_temperature: °C [D].
+        """Make a wire; joints: of the world; measured: those metered; initial_temperature: °C [D].
 
         InputError for a drive that is not among the joints, or not on the bus.
         """
@@ -69,7 +69,7 @@ class Wire:
         self._temperature = initial_temperature
 
     def send(self, stretch: SessionPart) -> Telemetry:
-        """Return a stretch as it is received."""
+        """Return readings as received: quantised by the bus, with ROS stamps, by topic."""
         samples, commands = stretch.samples, stretch.commands
         meter, joints, supply = samples.electrical, samples.joints, samples.supply
         spread, places = self._columns.spread, self._columns.places
@@ -144,7 +144,7 @@ _PLAIN: Final[dict[str, Any]] = {
 def gather(
     name: str, stretches: Sequence[Telemetry], joints: Sequence[str], measured: Sequence[str]
 ) -> Recording:
-    """Return a run as a recording; joints and measured name the columns of states and powers."""
+    """Join a run's telemetry to a recording in memory; joints, measured: names of columns."""
     topics = dict.fromkeys(topic for stretch in stretches for topic in stretch.topics)
     found = {}
     for topic in topics:

@@ -48,7 +48,7 @@ class WearCourse:
 
     @classmethod
     def of(cls, effect: str, text: str) -> 'WearCourse':
-        """Read a course such as `+40 % over 60 days from day 20`; InputError if it is none."""
+        """Parse text such as `+40 % over 60 days from day 20`; InputError for any other."""
         found = _COURSE.fullmatch(text.strip()) if isinstance(text, str) else None
         wanted = 'mA' if effect == OFFSET else '%'
         if found is None or found['unit'] != wanted:
@@ -62,13 +62,13 @@ class WearCourse:
 
     @property
     def words(self) -> str:
-        """The course as it is written in a plan."""
+        """The course as text, which `of` parses."""
         scale, unit = (1000.0, 'mA') if self.effect == OFFSET else (100.0, '%')
         over = f' over {self.over:g} days' if self.over else ''
         return f'{self.size * scale:+g} {unit}{over} from day {self.begin:g}'
 
     def on(self, day: float) -> float:
-        """Return the size that is reached on a day."""
+        """Return the part of `size` that is reached on a day."""
         if not self.over:
             return self.size if day >= self.begin else 0.0
         return self.size * float(np.clip((day - self.begin) / self.over, 0.0, 1.0))
@@ -76,7 +76,7 @@ class WearCourse:
 
 @schema
 class HistoryDay:
-    """Circumstances of one recording."""
+    """Day and conditions of one recording."""
 
     day: Annotated[float, Quantity(0.0, _LONGEST, 'days', 'since the start')]
     temperature: Annotated[float, Quantity(-40.0, 60.0, '°C', 'air around the drives')] = 25.0
@@ -124,7 +124,7 @@ class AgeingPlan:
         }
 
     def aged(self, plant: Plant, day: HistoryDay) -> Plant:
-        """Return the unit as it is on a day.
+        """Return the plan's unit of a plant, with the wear and temperature of a day.
 
         Grease is stiffer in the cold, in all drives: viscous friction by 1.2 % and Coulomb
         friction by 0.4 % per kelvin below 25 °C.

@@ -89,7 +89,7 @@ class Circuit:
     def solve(
         self, motor: Floats, speed: Floats, drag: Floats, voltage: float, time: Floats
     ) -> Flow:
-        """Return currents and losses of B steps.
+        """Return currents and losses of B steps; heat is added to `temperature.heat`.
 
         motor: air-gap torque, N·m [B, D]; speed: rotor, rad/s [B, D], mean of the step;
         drag: friction, N·m [B, D], which warms the housing; voltage: the bus as the drives last
@@ -206,7 +206,7 @@ class Electronics:
         self._away = 0.0
 
     def draw(self, count: int) -> Floats:
-        """Return the power at the next count steps, W [count]."""
+        """Return the power at the next `count` steps (of the constructor's `step`), W [count]."""
         kicks = self._random.standard_normal(count) * self._width * sqrt(1.0 - self._keep**2)
         power = np.empty(count)
         for index, kick in enumerate(kicks.tolist()):

@@ -93,7 +93,7 @@ class Drives:
         block: int,
         parameters: dict[str, Floats] | None = None,
     ) -> None:
-        """parameters: those of `Plant.resolve`, for drives that differ from the plant's."""
+        """Make drives; step: s; block: most steps of a trace; parameters: of `Plant.resolve`."""
         p = plant.resolve(names) if parameters is None else parameters
         effects = plant.effects
         self.names = tuple(names)
@@ -133,7 +133,7 @@ class Drives:
         return output if self.elastic else output + self.inertia
 
     def reset(self, position: Floats, which: slice | NDArray[np.intp] = _ALL) -> None:
-        """Reset the rotors of some drives, or of all, to rest at joint angles, rad."""
+        """Reset rotors of drives (`which`: slice or indices) to rest at joint angles, rad."""
         self.rotor[which] = position
         self.rotor_velocity[which] = 0.0
         self._delayed[which] = 0.0

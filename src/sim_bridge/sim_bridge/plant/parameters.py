@@ -99,7 +99,7 @@ class Effects:
 
 
 def expand(values: object) -> object:
-    """Write the short forms of effects (true, false, a strength) as {enabled, strength}."""
+    """Return effects with short forms (true, false, a strength) as {enabled, strength}."""
     if not isinstance(values, Mapping):
         return values
     return {name: _expanded(value) for name, value in values.items()}
@@ -283,7 +283,7 @@ class Plant:
             raise InputError('drive_types is empty; describe at least one type')
 
     def unit(self, number: int) -> 'Plant':
-        """Return another unit of the same design; InputError for a negative number."""
+        """Return unit `number` of the same design, 0 without spread; InputError if negative."""
         plant = replace(self, unit_number=number)
         check(plant, f'plant {self.name}')
         return plant
@@ -310,7 +310,7 @@ class Plant:
         """Return the parameters of this unit's drives by name of the field, each [D].
 
         Adds the errors of this unit's sensors: `voltage_gain`, `current_gain`, `current_offset`
-        (meter) and `torque_bias`. A drive draws the same parts whichever others are asked for.
+        (meter) and `torque_bias`. Values of a drive do not depend on the others in `drives`.
         """
         rows = [self.parameters(drive) for drive in drives]
         values = {
@@ -347,7 +347,7 @@ class Plant:
         return parse(cls, values, where)
 
     def save(self, path: Path) -> None:
-        """Write a file that `load` reads back as an equal plant; replaces an old one at once."""
+        """Write a file that `load` reads back as an equal plant, in place of an old one."""
         write_whole(path, yaml.safe_dump(asdict(self), sort_keys=False))
 
 

@@ -67,7 +67,7 @@ class Simulation:
     """
 
     def __init__(self, plant: Plant, world: World, *, capacity: int = 400) -> None:
-        """capacity: largest number of steps per block. InputError for an unknown drive type."""
+        """Make a simulation; capacity: most steps per block. InputError for an unknown type."""
         self.plant = plant
         self.world = replace(world, model=copy(world.model))
         self.steps = 0
@@ -131,7 +131,7 @@ class Simulation:
         self.drives.reset(self.joint_position)
 
     def hold(self, command: JointCommand) -> None:
-        """Set the command to hold."""
+        """Set the command that the drives hold until the next one."""
         self.drives.hold(command)
 
     def push(self, velocity: Floats) -> None:
@@ -140,7 +140,7 @@ class Simulation:
         self._push_steps = PUSH_STEPS
 
     def advance(self, steps: int) -> PlantBlock:
-        """Run a number of steps, at most `capacity`."""
+        """Run 1 to `capacity` steps and return them as a block; ValueError for other numbers."""
         if not 0 < steps <= self.capacity:
             raise ValueError(f'a block has 1..{self.capacity} steps, not {steps}')
         first = self.steps

@@ -42,7 +42,7 @@ def check_wear(wear: Mapping[str, Mapping[str, float]]) -> None:
 def apply_wear(
     values: dict[str, Floats], drives: Sequence[str], wear: Mapping[str, Mapping[str, float]]
 ) -> None:
-    """Change the parameters of drives, [D] each by name, by the wear of each drive."""
+    """Change parameters, [D] by name, in place by the wear of each drive (as of `Plant`)."""
     for index, drive in enumerate(drives):
         for name, value in wear.get(drive, {}).items():
             if name == OFFSET:

@@ -58,7 +58,7 @@ class Instruments:
         self._sensed: list[tuple[JointReadings, BodyReadings | None]] = []
 
     def sense(self, block: PlantBlock) -> tuple[JointReadings, BodyReadings | None]:
-        """Return what joints, IMU and feet read of a part of the next block, ahead of `read`."""
+        """Return readings of joints, IMU and feet for a part of the next block, before `read`."""
         body = None if self._body is None else self._body.read(block)
         self._sensed.append((self._joints.read(block), body))
         return self._sensed[-1]
@@ -89,7 +89,7 @@ def _joined(parts: Sequence[Any]) -> Any:
 
 
 class BusColumns:
-    """Places of D joints among the B drives of a bus; InputError for one that it lacks."""
+    """Indices of D joints among the B drives of a bus; InputError for one that it lacks."""
 
     def __init__(self, bus: BusDescription, joints: Sequence[str]) -> None:
         for joint in joints:

@@ -23,7 +23,7 @@ class LowPass:
     """First-order low-pass filter of several channels, with its state kept between blocks."""
 
     def __init__(self, bandwidth: float, start: Floats) -> None:
-        """bandwidth: −3 dB, Hz; start: value of each channel before the first step."""
+        """Make a filter; bandwidth: −3 dB, Hz; start: values before the first step [channels]."""
         keep = exp(-2.0 * pi * bandwidth * STEP)
         age = np.arange(_PIECE)[:, None] - np.arange(_PIECE)
         self._answer = np.where(age >= 0, (1.0 - keep) * keep ** np.maximum(age, 0), 0.0)
@@ -31,7 +31,7 @@ class LowPass:
         self._state = np.array(start, dtype=np.float64)
 
     def __call__(self, values: Floats) -> Floats:
-        """Return the next steps filtered, [B, channels]."""
+        """Return the next steps [B, channels] filtered."""
         result = np.empty_like(values)
         for first in range(0, len(values), _PIECE):
             piece = values[first : first + _PIECE]
@@ -51,7 +51,7 @@ class FractionalDelay:
         self._past = np.tile(np.asarray(start, dtype=np.float64), (ceil(steps) + 1, 1))
 
     def __call__(self, values: Floats) -> Floats:
-        """Return the delayed values, [B, channels]."""
+        """Return the values [B, channels] delayed by `steps`; `start` precedes the first."""
         series = np.vstack((self._past, values))
         count, past = len(values), len(self._past)
         late = series[past - self._whole :][:count]
@@ -157,7 +157,7 @@ _ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/
 
 
 def due_steps(block: PlantBlock, period: int) -> tuple[Steps, Steps]:
-    """Return the steps since the start that are multiples of a period, and their rows."""
+    """Return a block's steps that are multiples of a period, and their rows in it, [N] each."""
     first = -(-(block.first + 1) // period) * period
     steps = np.arange(first, block.first + block.steps + 1, period)
     return steps, steps - block.first - 1
@@ -231,7 +231,7 @@ class TemperatureSensors:
         self._random = random
 
     def read(self, block: PlantBlock) -> TemperatureReadings:
-        """Return the readings of a block, whose temperature is taken as constant."""
+        """Return the readings of a block; its temperature is that at the end."""
         steps, _ = due_steps(block, TEMPERATURE_PERIOD)
         noise = self._random.standard_normal((len(steps), len(block.temperature)))
         return TemperatureReadings(steps, block.temperature + self._noise * noise)
@@ -340,7 +340,7 @@ class SupplySensor:
 
 
 def into_base(attitude: Floats, vector: Floats) -> Floats:
-    """Turn vectors of the world [N, 3] into the frame of quaternions w x y z [N, 4]."""
+    """Rotate world vectors [N, 3] into the base frame, given as quaternions w x y z [N, 4]."""
     scalar, axis = attitude[:, :1], -attitude[:, 1:]
     twist = 2.0 * _cross(axis, vector)
     return vector + scalar * twist + _cross(axis, twist)

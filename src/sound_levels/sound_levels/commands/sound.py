@@ -20,7 +20,10 @@ from sound_levels.report.page import draw_sound, write_sound_report
 def entries_of(
     files: Sequence[Path], policies: Sequence[str], recordings: Sequence[Path]
 ) -> list[Entry]:
-    """Return files with their policies in the order given; InputError for a wrong number."""
+    """Return the files to analyse, in the order given.
+
+    policies: `NAME=WAV,WAV` each. recordings: none, or one per sound file; else InputError.
+    """
     found = [Entry(path) for path in files]
     for text in policies:
         name, equals, paths = text.partition('=')
@@ -41,7 +44,7 @@ def entries_of(
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure, compare and report; 2 for bad input."""
+    """Measure sound files, compare policies and report; InputError for bad input."""
     entries = entries_of(options.files, options.policy, options.recording)
     settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
     check_recordings(options.recording)

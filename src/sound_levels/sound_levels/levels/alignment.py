@@ -37,7 +37,7 @@ class Events:
 
 
 def events_of(recording: Recording) -> Events:
-    """Return landings and jolts of a recording with or without foot_force and imu."""
+    """Find the audible events of a recording; its foot_force and imu may be absent."""
     start = recording.start_ns
     loading, landings, first = np.zeros(0), np.zeros(0), 0.0
     if recording.has('foot_force'):
@@ -107,7 +107,7 @@ class Alignment:
     notes: tuple[str, ...] = ()
 
     def of(self, time: Floats) -> Floats:
-        """Return times of the sound as times of the recording."""
+        """Convert times of the sound, s, to s after the recording's start."""
         return np.asarray(self.offset + time * (1.0 + 1e-6 * self.drift))
 
 

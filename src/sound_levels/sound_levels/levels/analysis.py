@@ -48,10 +48,10 @@ class CalibratorTone:
 
 
 def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> CalibratorTone:
-    """Find the steady tone in a recording of a calibrator of a level in dB SPL.
+    """Find the steady tone in a recording of a calibrator; level: its level in dB SPL.
 
-    InputError if there is none within 10 % of the frequency in Hz for 2 s, if it is clipped, or if
-    the channels differ by more than 3 dB (only one was in the calibrator).
+    InputError if there is none within 10 % of `frequency`, Hz, for 2 s, or if it is clipped. Also
+    if channels differ by more than 3 dB (only one was in the calibrator).
     """
     length, longest = round(_WINDOW * file.rate), round(_LONGEST * file.rate)
     kept = [block for block in file.blocks() if file.frames - len(block) < longest]
@@ -116,7 +116,7 @@ _EXPECTED_REACH = 8000.0  # Hz
 
 @dataclass(frozen=True)
 class Take:
-    """Measurement of one sound file; counted: mask of the bins that are evaluated [N]."""
+    """Measurement of one sound file; counted: mask [N] of evaluated bins, `why` says why."""
 
     path: Path
     policy: str
@@ -136,7 +136,7 @@ class Take:
 
     @property
     def stretch(self) -> Stretch:
-        """Levels that are evaluated, for statistics."""
+        """Evaluated part of the sound, in the form that `statistics` takes."""
         sound, rows = self.sound, self.counted
         return Stretch.of(
             self.path.name,
@@ -149,7 +149,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Analysis:
-    """All takes, and the unit of their levels."""
+    """Measurements of all files, with the calibrator's tone, if any."""
 
     settings: Settings
     takes: tuple[Take, ...]
@@ -164,14 +164,14 @@ class Analysis:
 
     @property
     def shift(self) -> float:
-        """Difference in dB from mean squares in units of full scale to the unit."""
+        """Offset in dB to add to levels re full scale squared, to get them in `unit`."""
         if self.tone is None:
             return float(decibels(np.array(2.0)))
         return self.tone.level - float(decibels(np.array(self.tone.mean_square)))
 
     @property
     def policies(self) -> tuple[str, ...]:
-        """Names in the order of the files."""
+        """Names of the policies, in the order of the files."""
         return tuple(dict.fromkeys(take.policy for take in self.takes))
 
     def of(self, policy: str) -> list[Take]:
@@ -179,7 +179,7 @@ class Analysis:
         return [take for take in self.takes if take.policy == policy]
 
     def levels(self, takes: Sequence[Take]) -> Levels:
-        """Return the levels of takes together in the unit."""
+        """Return the level statistics of several takes together, in `unit`."""
         found = levels([take.stretch for take in takes])
         shifted = {k: v + self.shift for k, v in asdict(found).items() if k != 'seconds'}
         return Levels(seconds=found.seconds, **shifted)
@@ -202,7 +202,7 @@ class Analysis:
         }
 
     def differences(self) -> dict[str, tuple[Mapping[str, Difference], float | None]]:
-        """Return the differences in dB of each other policy from the first, and the block, s."""
+        """Return `statistics.differences` of each other policy from the first, by its name."""
         first, *others = self.policies
         base = [take.stretch for take in self.of(first)]
         return {name: differences(base, [t.stretch for t in self.of(name)]) for name in others}
@@ -214,7 +214,10 @@ def analyse(
     calibration: Path | None = None,
     progress: Callable[[str], None] = lambda path: None,
 ) -> Analysis:
-    """Measure files one after the other; InputError for a file that cannot be measured."""
+    """Measure sound files; InputError for one that cannot be measured.
+
+    calibration: recording of a calibrator; levels are relative to full scale without it.
+    """
     tone, warnings = None, []
     if calibration is not None:
         file = SoundFile(calibration, settings.channel)

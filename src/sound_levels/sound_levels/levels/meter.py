@@ -22,7 +22,7 @@ _NOMINAL: Final = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 
 @cache
 def sections(weighting: str, rate: float) -> Floats:
-    """Return the weighting as sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
+    """Return a frequency weighting as sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
 
     Each real pole is matched to the analog gain up to half the rate, where the bilinear transform
     would approach 0. Z is flat except for an offset. InputError for a weighting not A, C or Z.
@@ -43,7 +43,7 @@ def sections(weighting: str, rate: float) -> Floats:
 
 
 def response(rows: Floats, frequency: Floats | float, rate: float) -> Floats:
-    """Return the gain of sections in dB at frequencies in Hz."""
+    """Return the gain of `sections` in dB at frequencies in Hz; rate: of sampling, Hz."""
     _, gain = sosfreqz(rows, np.atleast_1d(frequency), fs=rate)
     return np.asarray(20.0 * np.log10(np.abs(gain))).reshape(np.shape(frequency))
 
@@ -153,7 +153,7 @@ class Sound:
 
     @property
     def seconds(self) -> float:
-        """Duration."""
+        """Duration, s."""
         return len(self.energy) * self.step
 
     @property
@@ -165,7 +165,7 @@ class Sound:
 def measure(
     blocks: Iterable[Floats], rate: float, weighting: str = 'A', time: str = 'fast'
 ) -> Sound:
-    """Measure the levels of consecutive blocks of samples [n, channels].
+    """Measure the levels of consecutive blocks of samples [n, channels], full scale 1.
 
     InputError for an unknown weighting or time weighting, less than ten time constants (and at
     least 1 s) of sound, or silence.

@@ -59,7 +59,7 @@ class SoundFile:
 
     @property
     def seconds(self) -> float:
-        """Duration read so far."""
+        """Duration read so far, s."""
         return self.frames / self.rate
 
     def blocks(self) -> Iterator[Floats]:

@@ -47,7 +47,7 @@ class Stretch:
 
     @property
     def seconds(self) -> float:
-        """Duration."""
+        """Duration, s."""
         return len(self.energy) * _PIECE
 
 
@@ -128,7 +128,7 @@ def block_length(stretch: Stretch) -> int:
 
 
 def decibels(mean_square: Floats) -> Floats:
-    """Return mean squares in dB."""
+    """Return 10·log10 of mean squares, at least 1e-30."""
     return np.asarray(10.0 * np.log10(np.maximum(mean_square, _LOWEST)))
 
 

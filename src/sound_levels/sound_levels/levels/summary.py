@@ -23,7 +23,7 @@ def level_rows(analysis: Analysis) -> list[list[str]]:
 
 
 def sentences(analysis: Analysis) -> list[str]:
-    """Return the difference of each policy from the first in words."""
+    """Return a sentence on the level difference of each other policy from the first."""
     first, found = analysis.policies[0], []
     for name, (figures, _) in analysis.differences().items():
         leq = figures['leq']

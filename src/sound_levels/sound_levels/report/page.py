@@ -50,7 +50,7 @@ def draw_sound(analysis: Analysis, *, dark: bool = False) -> Figure:
 
 
 def draw_alignment(analysis: Analysis, take: Take, *, dark: bool = False) -> Figure:
-    """Draw three seconds of the level in the recording's time, with landings as lines."""
+    """Draw 3 s of a take's level with landings as lines; ValueError for one without alignment."""
     if take.alignment is None or take.events is None:
         raise ValueError('a take without alignment')
     time = take.alignment.of(take.sound.time)
@@ -71,7 +71,7 @@ def draw_alignment(analysis: Analysis, take: Take, *, dark: bool = False) -> Fig
 
 
 def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
-    """Return the level over time of the evaluated part of a take, at 20 Hz.
+    """Return the level over time of a take's evaluated part at 20 Hz, as three arrays [T].
 
     Time in s since its start, the level with the time weighting, and the mean over one second.
     """
@@ -106,7 +106,7 @@ def _spectrum_axis(axis: Axes, analysis: Analysis, ink: str) -> None:
 
 
 def write_sound_report(path: Path, analysis: Analysis) -> None:
-    """Write differences, levels over time, spectra, alignment and warnings."""
+    """Write an HTML page with differences, levels over time, spectra, alignment and warnings."""
     settings = analysis.settings
     page = Page('Sound levels by policy')
     page.add('<h1>Sound levels by policy</h1>')

@@ -64,7 +64,7 @@ def _open(reader: str, path: Path, messages: Path | None) -> LogSource:
 
 
 def check_library(reader: str, path: Path) -> None:
-    """InputError with the line to install what a reader needs, where it is missing."""
+    """Raise InputError, with the command to install it, if a reader's library is missing."""
     module, package = _NEEDS.get(reader, ('numpy', ''))
     if find_spec(module) is None:
         raise InputError(f'{path}: reading it needs {module}: pip install {package}')

@@ -64,7 +64,7 @@ class BagFile:
         return known
 
     def columns(self) -> Sequence[LogColumn]:
-        """Return the numbers of each topic, as its first message has them."""
+        """Return up to 400 numeric fields of each topic, by its first message."""
         found = []
         for topic, layout in self._examples.items():
             listed: list[str] = []

@@ -23,7 +23,7 @@ from power_recordings.importing.sources.source import (
 
 
 class ColumnarFile:
-    """A table of columns. Streams: one. Lists inside a column go by `column.index`."""
+    """A table of columns, all in one stream; elements of fixed lists are `column.index`."""
 
     is_bag = False
 
@@ -71,7 +71,7 @@ class ColumnarFile:
         return found
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows."""
+        """Yield blocks of rows; as of `LogSource.read`."""
         fields = {a: self._field(a) for a in addresses}
         names = list(dict.fromkeys(name for name, _ in fields.values()))
         done = 0

@@ -35,11 +35,10 @@ _LINE = re.compile(r'[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+')
 
 
 def decoded(raw: bytes, whole: bool) -> tuple[list[str], str, int]:
-    """Return the lines of the beginning of a text, with their ends, its encoding, and its mark.
+    """Return a text's first lines with line ends, its encoding, and the byte-order mark's length.
 
-    raw: the first bytes; not `whole`, the line that they end in is left out. The mark is the
-    number of bytes of a byte-order mark. What is no UTF-8 is GB18030 where its high bytes come in
-    pairs, else Latin-1.
+    raw: the file's first bytes; unless they are the `whole` file, the last line, which may be cut,
+    is left out. Other than UTF-8 and UTF-16, text is GB18030 if high bytes pair up, else Latin-1.
     """
     mark, encoding = next(((m, e) for m, e in _MARKS if raw.startswith(m)), (b'', ''))
     raw = raw[len(mark) :]
@@ -78,7 +77,7 @@ _EDGES = re.compile(rb'(?m)^[ \t]+|[ \t]+$')
 
 @dataclass(frozen=True)
 class TableDialect:
-    """Dialect of a delimited file."""
+    """Dialect of a delimited file; `decimal` is its decimal mark."""
 
     encoding: str
     delimiter: str
@@ -89,7 +88,7 @@ class TableDialect:
 
 
 class DelimitedFile:
-    """A table of delimited text. Streams: one."""
+    """A table of delimited text, all in one stream."""
 
     is_bag = False
 
@@ -104,7 +103,7 @@ class DelimitedFile:
         return [LogColumn(n, '', u) for n, u in zip(head.names, head.units, strict=True)]
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows; InputError for a file that is cut off inside its rows or malformed."""
+        """Yield blocks of rows; InputError for a file that is cut off in a row or malformed."""
         wanted = list(dict.fromkeys(addresses))
         skipped: list[int] = []
         done = 0

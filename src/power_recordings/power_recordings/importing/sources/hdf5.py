@@ -52,7 +52,7 @@ class Hdf5File(heads.ArrayLog):
         self._columns = heads.table_columns(str(path), shapes)
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows, stream by stream, without loading whole datasets."""
+        """Yield blocks of rows, stream by stream; whole datasets are not loaded."""
         own = copy(self)  # each reader has its file
         with reading(self.path, 'HDF5 file'), h5py.File(self.path, 'r') as own._file:
             yield from heads.ArrayLog.read(own, addresses, progress)

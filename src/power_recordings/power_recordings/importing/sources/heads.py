@@ -44,7 +44,7 @@ _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 class Head:
     """Names and units of the columns, and the index of the first row of values.
 
-    unfit: names in the row above the values, where they are not as many as the values.
+    unfit: number of names in the row above the values if it differs from that of values, else 0.
     """
 
     names: tuple[str, ...]
@@ -53,7 +53,7 @@ class Head:
     unfit: int = 0
 
     def check(self, path: Path) -> None:
-        """InputError where the head does not fit the rows, so that no column has a name."""
+        """Raise InputError if the head has not as many names as the rows have values."""
         if self.unfit:
             raise InputError(
                 f'{path}: its head names {self.unfit} columns, its rows have {len(self.names)} '
@@ -69,12 +69,11 @@ def is_number(field: str) -> bool:
 def find_head(
     rows: Sequence[Sequence[str]], commented: Sequence[Sequence[str]] = ()
 ) -> Head | None:
-    """Find the head of a table in its first rows.
+    """Find the head of a table in its first rows (fields of each); None if no row holds numbers.
 
-    The first row of values is the first of as many fields as most rows have that holds numbers,
-    half as many as rows usually do at least. The row above it names the columns, whether or not
-    it ends in a delimiter; rows in between may hold units or dates. commented: the fields of
-    comment lines above, the last of which may be the names. None where no row holds numbers.
+    Values begin with the first row of the usual width that holds at least half of the usual count
+    of numbers. The row above names the columns; rows in between may hold units or dates.
+    commented: the fields of comment lines above, the last of which may be the names.
     """
     widths = [len(row) for row in rows if row]
     if not widths:
@@ -131,7 +130,7 @@ def _is_name(field: str) -> bool:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit in brackets or after `_` or a space that ends a name, or that it is."""
+    """Return the unit that ends a column's name, in brackets or after `_` or a space, else ''."""
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
@@ -157,7 +156,7 @@ def _of_two_words(before: Sequence[str], ending: str) -> str | None:
 
 
 def unique(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names without spaces around them; repeated ones get .1, .2 …, empty ones a number."""
+    """Return stripped names; repeated ones get .1, .2 …, empty ones become `column<number>`."""
     seen: dict[str, int] = {}
     result = []
     for index, given in enumerate(names, 1):
@@ -192,7 +191,7 @@ class ArrayLog:
         return self._columns
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows, stream by stream."""
+        """Yield blocks of rows, stream by stream."""
         wanted = set(addresses)
         for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):
             chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
@@ -215,7 +214,8 @@ def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogCo
     """Return the columns of named arrays by their shapes.
 
     An array [N] is one column, [N, K] or [K, N] are K columns `name.0` …; the longer axis is time.
-    Arrays of one length share a stream. Scalars and higher dimensions are left out.
+    Arrays of one length share a stream. Scalars and higher dimensions are left out. InputError,
+    which begins with `where`, for more than 20,000 columns.
     """
     found: list[LogColumn] = []
     for name, shape in shapes.items():
@@ -233,7 +233,7 @@ def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogCo
 
 
 def split(address: str, names: Mapping[str, Any]) -> tuple[str, int]:
-    """Return the name of the array and the index of the column that an address means."""
+    """Split an address `name` or `name.index` into array name and column index."""
     if address in names:
         return address, 0
     name, _, index = address.rpartition('.')
@@ -241,7 +241,7 @@ def split(address: str, names: Mapping[str, Any]) -> tuple[str, int]:
 
 
 def as_rows(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array with time along its first axis, [N, K]."""
+    """Return an array as [N, K]; its longer axis is taken for time."""
     array = np.squeeze(array)
     if array.ndim == 1:
         return array[:, None]

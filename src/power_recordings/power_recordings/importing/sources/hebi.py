@@ -24,7 +24,7 @@ def open_file(path: Path) -> LogSource:
 
 
 def load(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the feedback of N modules by `field.module`; InputError where it is damaged."""
+    """Return feedback arrays [N] by `field.module`; InputError for a damaged file."""
     from hebi.util import load_log  # in a process of its own
 
     with reading(path, 'log'):

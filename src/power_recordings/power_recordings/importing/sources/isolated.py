@@ -23,9 +23,9 @@ _NAMES: Final = 'names'
 
 
 def load_isolated(reader: str, path: Path, kind: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays by name that `load(path)` of the module `reader` of this package returns.
+    """Return the arrays that `load(path)` of sibling module `reader` returns, by name.
 
-    Raises InputError for a file that is damaged, which it calls `kind`.
+    kind: the kind of file, for the InputError that is raised for a damaged one.
     """
     with tempfile.TemporaryDirectory(prefix='wattwalk') as folder:
         out = Path(folder) / 'arrays.npz'

@@ -31,7 +31,7 @@ def open_file(path: Path) -> LogSource:
 
 
 def load(path: Path) -> dict[str, NDArray[Any]]:
-    """Return variables and fields of structs as `struct.field`; InputError where it is damaged."""
+    """Return arrays by `variable` or `struct.field`; InputError for a damaged or large file."""
     from scipy.io import loadmat, whosmat  # in a process of its own
 
     with reading(path, 'MAT file'):

@@ -62,11 +62,11 @@ class LogSource(Protocol):
         """Return all columns."""
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield the rows of the named columns; progress is told the bytes done so far."""
+        """Yield the rows of columns in blocks; `progress` is called with bytes read so far."""
 
 
 def first_rows(source: LogSource, columns: Sequence[LogColumn], enough: int) -> Iterator[LogBlock]:
-    """Yield the blocks that bring so many rows of each stream of the columns, or all there are."""
+    """Yield blocks until each stream of the columns has `enough` rows or the log ends."""
     rows = {column.stream: 0 for column in columns}
     for block in source.read([column.address for column in columns], lambda done: None):
         rows[block.stream] = rows.get(block.stream, 0) + len(block)
@@ -78,7 +78,7 @@ def first_rows(source: LogSource, columns: Sequence[LogColumn], enough: int) -> 
 def first_values(
     source: LogSource, columns: Sequence[LogColumn], enough: int
 ) -> dict[str, Floats]:
-    """Return at most so many first rows of those columns that hold numbers, by address."""
+    """Return up to `enough` first rows of numeric columns, [N] by address, in the log's units."""
     parts: dict[str, list[Floats]] = {}
     rows: Counter[str] = Counter()
     for block in first_rows(source, columns, enough):
@@ -90,13 +90,13 @@ def first_values(
 
 
 def rows_at_once(columns: int) -> int:
-    """Return how many rows of so many columns a block may have, at 32 MB of numbers."""
+    """Return the rows of a block of `columns` columns: about 32 MB, within 64 to 65,536."""
     return max(64, min(65_536, 4_000_000 // max(columns, 1)))
 
 
 @contextmanager
 def reading(path: Path, kind: str) -> Iterator[None]:
-    """Turn what a library raises on a damaged file, in ways it does not list, to InputError."""
+    """Turn any exception of the block into InputError: PATH: not a readable KIND: reason."""
     try:
         yield
     except InputError:
@@ -107,7 +107,7 @@ def reading(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_room(path: Path, size: int, claimed: int) -> None:
-    """InputError for a file of `size` bytes that claims to hold far more bytes than it can."""
+    """Raise InputError if a file of `size` bytes claims to unpack to far more than it can."""
     if claimed > _ROOM + _RATIO * size:
         raise InputError(
             f'{path}: claims {claimed >> 20} MiB of numbers in a file of {size} bytes; damaged, '

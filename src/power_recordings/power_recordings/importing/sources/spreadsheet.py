@@ -59,7 +59,7 @@ class Spreadsheet:
         return name if len(self._heads) == 1 else f'{sheet}.{name}'
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows, sheet by sheet."""
+        """Yield blocks of rows, sheet by sheet."""
         for sheet, head in self._heads.items():
             places = {
                 address: i

@@ -63,8 +63,8 @@ _INVALID_MAILBOX, _INVALID_INPUTS = 0x0016, 0x001E
 class SlaveController:
     """EtherCAT slave controller as seen by a frame.
 
-    sii: the EEPROM's bytes; input_manager: sync manager of the inputs and their bytes, None for
-    a slave without. Subclasses give `mailbox` and `before_inputs` a meaning.
+    sii: the EEPROM's bytes. inputs: number of the inputs' sync manager and size of the inputs in
+    bytes; None for a slave without. Subclasses override `mailbox`, `inputs_read` and `enter`.
     """
 
     def __init__(self, sii: bytes, inputs: tuple[int, int] | None = None) -> None:
@@ -93,16 +93,16 @@ class SlaveController:
         return None
 
     def inputs_read(self) -> None:
-        """Take note that a frame has fetched the inputs."""
+        """Called after a frame has fetched the inputs; does nothing here."""
 
     def enter(self, state: int) -> None:
-        """Take note of a state that was reached."""
+        """Called with the new `SlaveState` after a state change; does nothing here."""
 
     def serve(self, command: int, address: int, offset: int, data: bytearray) -> tuple[int, int]:
-        """Process a datagram; data is changed in place.
+        """Process a datagram with a `DatagramCommand`; data is changed in place.
 
         address, offset: the two 16-bit halves of the datagram's address. Returns the address for
-        the next slave and what to add to the working counter.
+        the next slave and the increment of the working counter.
         """
         if command in (DatagramCommand.LRD, DatagramCommand.LWR, DatagramCommand.LRW):
             return address, self._logical(command, address | offset << 16, data)

@@ -67,7 +67,7 @@ class EK1100(SlaveController):
 
 @dataclass
 class TerminalFaults:
-    """Faults of a terminal, for tests."""
+    """Faults of a terminal, for tests: no new conversions, status invalid, filter stays on."""
 
     frozen: bool = False
     invalid: bool = False
@@ -127,12 +127,12 @@ class EL3102(SlaveController):
                 self._writable.add((settings, subindex))
 
     def enter(self, state: int) -> None:
-        """Convert when SAFE-OP is reached."""
+        """Convert both inputs when SAFE-OP is reached."""
         if state == SlaveState.SAFEOP:
             self.inputs_read()
 
     def inputs_read(self) -> None:
-        """Convert, as after each frame that fetches the inputs."""
+        """Convert both inputs, after each frame that fetches them."""
         if self.faults.frozen:
             return
         self._toggle ^= 0x8000
@@ -145,7 +145,7 @@ class EL3102(SlaveController):
             self.memory[at : at + 4] = struct.pack('<Hh', status, clipped)
 
     def mailbox(self, request: bytes) -> bytes | None:
-        """Return the answer of CoE to SDO uploads and downloads of up to four bytes."""
+        """Return the CoE answer to an SDO upload or download of up to four bytes, else b''."""
         if len(request) < 16 or request[5] & 0x0F != _COE:
             return b''
         count = request[5] >> 4
@@ -187,7 +187,7 @@ _POLL = 0.1
 
 
 def process(frame: bytes, slaves: Sequence[SlaveController]) -> bytes | None:
-    """Pass an Ethernet frame through slaves and back; None for one that is no EtherCAT frame.
+    """Return an Ethernet frame after it passed the slaves; None if it is no EtherCAT frame.
 
     A slave that is not present ends the segment: those behind it see nothing.
     """
@@ -257,7 +257,7 @@ def _constant(volts: Volts) -> Callable[[], Volts]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve a coupler and terminals until Ctrl-C; 2 for an interface that cannot be used."""
+    """Serve a coupler and terminals until Ctrl-C; InputError for an unusable interface."""
     if len(options.volts) % 2:
         raise InputError(f'--volts has {len(options.volts)} numbers; give two for each terminal')
     pairs: list[Volts] = list(zip(options.volts[::2], options.volts[1::2], strict=True))
