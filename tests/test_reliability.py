@@ -130,6 +130,16 @@ def test_the_lab_states_a_probability_of_every_effect_and_scale_and_intervals_at
     assert judgement.words
 
 
+def test_a_friction_is_found_whose_watts_departures_of_others_took_over():
+    case = Case('elastic', 'ladder', 60.0, 1, 3100002, ('coulomb_friction',), strength=2.0)
+    sealed = OfPlant(case).seal()
+    stated = {
+        one.effect: one.probability for one in diagnosed(sealed.data, sealed.known).statements
+    }
+    assert stated['coulomb_friction'] > 0.9
+    assert max(chance for name, chance in stated.items() if name not in sealed.missing) < 0.5
+
+
 def test_every_other_walk_of_the_robot_has_real_drives():
     questions = robot_questions(40)
     assert sum(question.real for question in questions) == 20

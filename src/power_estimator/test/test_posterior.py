@@ -9,6 +9,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.posterior import fitted_set
+from power_estimator.posterior.effect_columns import EffectColumns, explained
 from power_estimator.posterior.fitted_set import Cell, fit_set, settle
 from power_estimator.posterior.gaussian import (
     NormalEquations,
@@ -18,9 +19,10 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
+from power_estimator.posterior.judged import JudgedEffect, JudgedEffects
 from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.odds import has_wholes, over_by_share, prior_of, tempered
-from power_estimator.posterior.priors import MIMICS, TOLD_APART, USUAL
+from power_estimator.posterior.priors import DOUBTED, MIMICS, NAMED, TOLD_APART, USUAL
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
@@ -296,6 +298,38 @@ def test_hysteresis_of_a_width_between_two_plays_is_their_sum():
     }
     assert left[2] < 0.1 * loop.var()
     assert left[1] > 0.25 * loop.var()  # one play alone
+
+
+def test_a_gain_takes_over_the_shafts_power_and_no_effect_at_standstill():
+    copper, heating = (Active.of(EFFECTS[name]) for name in ('copper_loss', 'winding_heating'))
+    effects = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0]])
+    shaft = np.array([0.0, 2.0, 0.0, -2.0])
+
+    def watts(fixed):
+        columns = EffectColumns(
+            (copper, heating), effects, np.ones(3), np.empty((4, 0)), np.empty((4, 0)),
+            np.empty(0, np.intp), fixed, np.empty(0), (),
+        )  # fmt: skip
+        used = np.ones(4, dtype=bool)
+        return explained(columns, used, heating, np.array([[3.0, 0.0]]), ('copper_loss',))[0]
+
+    assert watts(np.zeros(4)) == pytest.approx(3.0)  # a gain would change copper and heating alike
+    assert watts(shaft) == pytest.approx(3.0)  # as the shaft's power is another
+    assert watts(effects[:, 1]) == pytest.approx(0.0)
+
+
+def test_an_effect_in_doubt_is_named_no_more_and_comes_behind_others_that_are():
+    spring, idle = (Active.of(EFFECTS[name]) for name in ('spring', 'idle'))
+    candidates = [
+        JudgedEffect(spring, 0.99, np.ones(3), 0.5),
+        JudgedEffect(idle, NAMED, np.ones(3), 0.5),
+    ]
+    found = JudgedEffects(tuple(candidates), 0.99, {}, (), (spring, idle), (), 1.0)
+    assert found.named == (spring, idle)
+    doubted = found.doubting('spring')
+    assert doubted.named == (idle,)
+    assert list(doubted.probability.items()) == [('idle', NAMED), ('spring', DOUBTED)]
+    assert doubted.any_missing == 0.99
 
 
 def test_effects_that_stand_for_each_other_share_the_probability_of_both():

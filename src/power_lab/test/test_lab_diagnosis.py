@@ -82,7 +82,7 @@ def test_the_hidden_effect_is_named_with_its_probability_and_watts(
 
 @pytest.mark.parametrize('hidden', ['regeneration_limit', 'regeneration_efficiency'])
 def test_blocked_and_lossy_regeneration_of_one_drive_are_told_apart(hidden):
-    plant = record_plant(Case('rigid', 'ladder', 60.0, 1, seed=1, hidden=(hidden,)))
+    plant = record_plant(Case('rigid', 'ladder', 60.0, 1, seed=3, hidden=(hidden,)))
     known = [Active.of(CATALOGUE[name]) for name in plant.known]
     found = diagnosed(material(plant.data, per='drive'), known, CATALOGUE)
     assert (found.verdict, found.effects) == ('named', (hidden,))
@@ -101,6 +101,15 @@ def test_a_known_effect_of_another_shape_is_not_taken_for_a_missing_one():
         found.found.meters[0].coefficients[lossy.name], [0.025, 0.975], axis=0
     ).T
     assert share[0] < 0.2 < share[1]
+
+
+def test_hysteresis_of_the_torque_sensor_is_not_taken_for_heating():
+    plant = record_plant(Case('sensors', 'stall', 60.0, 1, seed=4100003))
+    assert plant.plant.drives[0].torque_hysteresis > 0.4  # N·m
+    known = [Active.of(CATALOGUE[name]) for name in plant.known]
+    found = diagnosed(material(plant.data, per='drive'), known, CATALOGUE)
+    assert found.found.probability['winding_heating'] < 0.5
+    assert found.effects == ()
 
 
 def test_two_hidden_effects_are_both_named():
