@@ -104,7 +104,7 @@ def figures_of(recording: Recording) -> Figures:
 
 def main() -> int:
     """Print a table with a column for each runtime; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
     add('--seconds', type=float, default=600.0)
     add('--model', help='also estimate live, as ppn:runs/first')

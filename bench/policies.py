@@ -65,7 +65,7 @@ def seconds_of(call: Callable[[], object]) -> tuple[float, float]:
 
 def main() -> int:
     """Print the table of costs; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--environments', type=int, default=512)
     parser.add_argument('--rounds', type=int, default=6)
     parser.add_argument('--units', type=int, default=32, help='of the network in the reward')

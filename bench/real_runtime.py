@@ -199,7 +199,7 @@ def measure(source: str, sink: str, seconds: float, domain: int) -> dict[str, fl
 
 def main(args: Sequence[str] | None = None) -> int:
     """Print a table of the four ways round; 0 also where there is only one runtime."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=10.0, help='of each way round')
     parser.add_argument('--role', choices=('source', 'sink'), help=argparse.SUPPRESS)
     options = parser.parse_args(args)

@@ -258,7 +258,7 @@ def _scored(own: Plan, result: Search) -> dict[str, Any]:
 
 def main() -> None:
     """Score `track` on many histories, print the tables and write the results as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--histories', type=int, default=8)
     parser.add_argument('--recordings', type=int, default=40)
     parser.add_argument('--first', type=int, default=0, help='seed of the first history')

@@ -109,7 +109,7 @@ def fits(path: Path) -> int:
 
 def main() -> int:
     """Run `track` with different workers and print a table; return 1 where a JSON differs."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
     add('--recordings', type=int, default=200)
     add('--seconds', type=float, default=150.0)

@@ -75,7 +75,7 @@ _PREVIEW = """
 
 def main() -> int:
     """Measure the workbench and print a table of its speed and memory."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--bag', type=Path)
     parser.add_argument('--count', type=int, default=30)
     parser.add_argument('--no-preview', action='store_true', help='no diagnosis, so no preview')

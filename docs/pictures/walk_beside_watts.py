@@ -19,7 +19,7 @@ STRIDES = 10 / 1.9  # s, ten strides of the trot: a loop
 @command
 def main(args: Sequence[str] | None = None) -> None:
     """Write the picture."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='F.webp')
     parser.add_argument('--policy', default='trot', help='that walks (trot)')
     parser.add_argument('--model', default='ppn:bags/ppn_small')

@@ -92,7 +92,7 @@ def walk(bag: Path) -> list[Any]:
 @command
 def main(args: Sequence[str] | None = None) -> None:
     """Write the picture."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('bag', type=Path, metavar='BAG')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='F.webp')
     options = parser.parse_args(args)

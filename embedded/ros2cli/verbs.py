@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import struct
 import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -136,41 +137,49 @@ def field(message: Any, path: str) -> Any:
     return value
 
 
-def fill(message: Any, values: Any) -> None:
-    """Set a message's fields from nested dictionaries; CommandError for unknown fields."""
+def fill(message: Any, values: Any, path: str = '') -> None:
+    """Set a message's fields from nested dictionaries.
+
+    path: of the message as a field of another. CommandError for unknown fields and for values that
+    a field cannot hold.
+    """
     types = message.get_fields_and_field_types()
     if not isinstance(values, dict):
         raise CommandError(
-            f'values must be a YAML dictionary of {", ".join(types)}, got {values!r}'
+            f'{path or "values"} must be a YAML dictionary of {", ".join(types)}, got {values!r}'
         )
     for name, value in values.items():
         if name not in types:
             known = ', '.join(types) or 'none'
             raise CommandError(f"{type(message).__name__} has no field '{name}', it has: {known}")
-        setattr(message, name, _converted(getattr(message, name), types[name], value))
+        where = f'{path}.{name}' if path else name
+        setattr(message, name, _converted(where, types[name], value))
 
 
-def _converted(current: Any, kind: str, value: Any) -> Any:
-    if hasattr(current, 'get_fields_and_field_types'):
-        fill(current, value)
-        return current
-    if kind.startswith('sequence<') and '/' in kind:
-        inner = kind.removeprefix('sequence<').removesuffix('>').partition(',')[0]
-        package, _, name = inner.partition('/')
-        return [_made(package, name, item) for item in value]
-    if kind in ('float', 'double') and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if kind == 'octet' and isinstance(value, int):
-        return bytes((value & 255,))
-    return value
+def _converted(path: str, kind: str, value: Any) -> Any:
+    """Return a value from YAML as a field of an IDL type holds it; CommandError for no such."""
+    from rosidl_embedded.message import SEQUENCE, check, message_class  # slow to import
 
-
-def _made(package: str, name: str, values: Any) -> Any:
-    from rosidl_embedded import message_class  # slow to import
-
-    message = message_class(package, name)()
-    fill(message, values)
-    return message
+    found = value
+    if match := SEQUENCE.fullmatch(kind):
+        if isinstance(value, list | bytes):
+            inner = match[1] or match[3]
+            found = [_converted(f'{path}[{i}]', inner, item) for i, item in enumerate(value)]
+    elif '/' in kind:
+        package, _, name = kind.partition('/')
+        found = message_class(package, name)()
+        fill(found, value, path)
+    elif kind == 'octet' and isinstance(value, int):
+        found = bytes((value & 255,))
+    try:
+        if kind in ('float', 'double') and type(value) is int:
+            found = float(value)
+        check(path, 'uint8' if kind == 'char' else kind, found)
+        if kind == 'float':
+            struct.pack('<f', found)  # OverflowError
+    except (AssertionError, OverflowError):
+        raise CommandError(f'{path} must be of type {kind}, got {value!r}') from None
+    return found
 
 
 def parse_values(text: str) -> Any:

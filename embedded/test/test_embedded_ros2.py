@@ -107,6 +107,57 @@ def test_services_are_called_with_yaml(gadget, ros2):
     assert "SetBool_Response(success=False, message='off')" in ros2(*call)
 
 
+@pytest.mark.skipif(not IS_EMBEDDED, reason='words of the embedded ros2')
+@pytest.mark.parametrize(
+    ('name', 'values', 'told'),
+    [
+        ('tf2_msgs/msg/TFMessage', {'transforms': 3}, 'transforms .* sequence<.*Stamped>, got 3'),
+        ('tf2_msgs/msg/TFMessage', {'transforms': [3]}, r'transforms\[0\] .* of header.*, got 3'),
+        ('sensor_msgs/msg/JointState', {'position': 'x'}, "position .* sequence<double>, got 'x'"),
+        (
+            'sensor_msgs/msg/JointState',
+            {'position': [1, 'x']},
+            r"position\[1\] .* double, got 'x'",
+        ),
+        ('sensor_msgs/msg/JointState', {'name': 3}, 'name .* sequence<string>, got 3'),
+        (
+            'sensor_msgs/msg/JointState',
+            {'header': {'stamp': {'sec': 1.5}}},
+            'header.stamp.sec .*1.5',
+        ),
+        ('sensor_msgs/msg/Imu', {'angular_velocity_covariance': [1]}, r'double\[9\], got \[1\]'),
+        ('std_msgs/msg/String', {'data': 3}, 'data must be of type string, got 3'),
+        ('std_msgs/msg/Float32', {'data': 1e300}, r'type float, got 1e\+300'),
+        ('std_msgs/msg/Char', {'data': 'x'}, "type char, got 'x'"),
+        ('std_srvs/srv/SetBool_Request', {'data': 'on'}, "type boolean, got 'on'"),
+    ],
+)
+def test_a_value_that_a_field_cannot_hold_is_refused_in_a_line(name, values, told):
+    from ros2cli.main import CommandError
+    from ros2cli.verbs import fill
+    from rosidl_embedded.message import class_of
+
+    with pytest.raises(CommandError, match=told) as refused:
+        fill(class_of(name)(), values)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.skipif(not IS_EMBEDDED, reason='words of the embedded ros2')
+def test_values_of_yaml_fill_fields_of_all_kinds():
+    from diagnostic_msgs.msg import DiagnosticArray
+    from ros2cli.verbs import fill
+    from sensor_msgs.msg import Image, JointState
+
+    joints, image, found = JointState(), Image(), DiagnosticArray()
+    fill(joints, {'name': ['a'], 'position': [1, 2.5], 'header': {'stamp': {'sec': 3}}})
+    assert (joints.name, [*joints.position], joints.header.stamp.sec) == (['a'], [1.0, 2.5], 3)
+    fill(image, {'data': b'ab'})
+    assert [*image.data] == [97, 98]
+    fill(found, {'status': [{'level': 2, 'values': [{'key': 'k'}]}]})
+    assert found.status[0].level == b'\2'
+    assert found.status[0].values[0].key == 'k'
+
+
 def test_pub_reaches_a_subscription(node_process):
     echo = node_process.ros2('topic', 'echo', '/word', 'std_msgs/msg/String')
     pub = node_process.ros2('topic', 'pub', '--once', '/word', 'std_msgs/msg/String', '{data: hi}')
@@ -161,6 +212,8 @@ def test_run_help_of_a_package_has_a_line_on_each_executable(node_process, asked
         ),
         (['service', 'call', '/a', 'std_srvs/srv/SetBool', '{dta: 1}'], "no field 'dta'"),
         (['service', 'call', '/a', 'std_srvs/srv/SetBool', '{dta'], 'as YAML'),
+        (['service', 'call', '/a', 'std_srvs/srv/SetBool', '{data: 3}'], 'data .* boolean, got 3'),
+        (['topic', 'pub', '/a', 'std_msgs/msg/String', '{data: 3}'], 'data .* string, got 3'),
         (['node', 'info', '/nobody'], "Unable to find node '/nobody'"),
     ],
 )

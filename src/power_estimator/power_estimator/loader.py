@@ -46,9 +46,9 @@ def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
 
 def load_base(spec: str) -> PowerModel:
     """Return the base model of a model of effects, `ppn:RUN` or a proxy; InputError for others."""
-    if spec.endswith(('.yaml', '.yml')):
+    if spec == PLAIN or spec.endswith(('.yaml', '.yml')):
         raise InputError(
-            f'base {quoted(spec)}: a base model is ppn:RUN or a proxy, not a model file'
+            f'base {quoted(spec)}: a base model is ppn:RUN or a proxy, not a model of effects'
         )
     return load_model(spec)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from power_estimator.loader import load_model
+from power_estimator.loader import load_base, load_model
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig, TrainingRecording
 from safetensors import safe_open
 from safetensors.numpy import save
@@ -163,6 +163,12 @@ def test_an_unknown_model_is_refused_with_the_names_that_there_are():
         load_model('ppn:')
     with pytest.raises(InputError, match=r'no.yaml.*No such file'):
         load_model('no.yaml')
+
+
+@pytest.mark.parametrize('spec', ['plain', 'own.yaml'])
+def test_a_model_of_effects_is_no_base(spec):
+    with pytest.raises(InputError, match=rf'base .{spec}.*: a base model is ppn:RUN or a proxy'):
+        load_base(spec)
 
 
 def test_a_configuration_out_of_range_is_refused():

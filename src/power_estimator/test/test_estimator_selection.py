@@ -12,7 +12,7 @@ from power_estimator.loader import load_model
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
-from power_estimator.training.sweep import Sweep, SweepPoint, points
+from power_estimator.training.sweep import Result, Sweep, SweepPoint, points
 from power_estimator.training.trainer_config import TrainerConfig
 from wattwalk_core.errors import InputError
 
@@ -112,6 +112,19 @@ def test_a_damaged_point_is_refused_by_name(swept, bag, capsys):
     assert sweep_command([str(bag), '-o', str(swept), *SWEEP, '--resume']) == 2
     assert 'point.json is damaged' in capsys.readouterr().err
     file.write_bytes(whole)
+
+
+def test_a_point_that_cannot_be_read_is_not_called_damaged(tmp_path):
+    file = tmp_path / 'point.json'
+    with pytest.raises(InputError, match=r'cannot read point .*point.json: No such file'):
+        Result.load(file, SweepPoint(4))
+    file.write_bytes(b'\xff')
+    with pytest.raises(InputError, match='is damaged; remove it'):
+        Result.load(file, SweepPoint(4))
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(InputError, match=r'point .*point.json: not a regular file'):
+        Result.load(file, SweepPoint(4))
 
 
 @pytest.fixture(scope='module')

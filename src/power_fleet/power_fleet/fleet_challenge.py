@@ -105,7 +105,7 @@ def record_fleet(challenge: FleetChallenge, folder: Path, engine: TaskEngine) ->
 
 def _days(random: np.random.Generator, count: int) -> list[HistoryDay]:
     numbers = np.cumsum(random.integers(1, 4, count)).astype(float)
-    numbers[random.integers(count) :] += _WEEK
+    numbers[max(1, int(random.integers(count))) :] += _WEEK  # never before the first recording
     phase, days = random.uniform(0, 2 * np.pi), []
     for number in numbers:
         season = 9.0 * np.sin(2 * np.pi * number / 365.0 + phase)

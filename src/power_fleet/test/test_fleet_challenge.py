@@ -30,12 +30,12 @@ def test_half_of_the_fleets_are_quiet_and_the_others_change_within_their_limits(
 
 
 def test_robots_take_turns_and_a_week_is_missing():
-    for seed in range(20):
+    for seed in range(80):
         plans = draw_fleet(seed, 40, 30.0).plans
         days = sorted(day.day for plan in plans for day in plan.days)
         assert len(days) == 40
         assert plans[0].unit != plans[1].unit
-        assert days[0] >= 8 or np.diff(days).max() >= 8
+        assert np.diff(days).max() >= 8
 
 
 def test_the_answer_of_a_seed_is_always_the_same_and_too_few_recordings_are_refused():

@@ -172,11 +172,10 @@ def test_a_hostile_name_of_a_drive_is_only_text_in_the_file(tmp_path, name):
         'power_of', 'other_drive', f'P of {name}', 'W', 'signals.drawn[:, other]', other=name
     )
     family = Family(driver, FACTORS['one'], 'power')
-    formula = Formula(PRIMITIVES['line'], {0: Place(family, {}, 1.0)}, 1.0)
+    formula = Formula(PRIMITIVES['line'], {0: Place(family, {}, 1.0)})
     written = Written(
         name='cross_talk',
         formula=formula,
-        drives=(name,),
         physics=f'hypothesis: {name}',
         bounds=[(0.0, 1.0)],
         near=(),
@@ -298,7 +297,6 @@ def test_a_power_that_goes_as_a_term_of_the_model_is_that_term_under_another_nam
             Formula(
                 PRIMITIVES[name],
                 {0: Place(Family(size, FACTORS['one'], 'power'), parameters, 1.0)},
-                1.0,
             ),
             (fit,),
             point,
@@ -346,7 +344,7 @@ def test_a_place_in_the_turn_and_a_ripple_are_told_as_a_person_says_them():
     turn = Driver('angle', 'position', 'q within its turn', 'rad', 'signals.position[:, column]')
     family = Family(turn, FACTORS['sign'], 'torque')
     assert principal({'middle': 6.27})['middle'] == pytest.approx(-0.0132, abs=1e-4)
-    wave = Formula(PRIMITIVES['wave'], {0: Place(family, {'order': 2.0}, 1.0)}, 1.0)
+    wave = Formula(PRIMITIVES['wave'], {0: Place(family, {'order': 2.0}, 1.0)})
     assert 'rubs 2 times per turn: 0.5 N·m' in in_short(wave, {0: (0.3, 0.4)}, ['WHEEL'])
 
 

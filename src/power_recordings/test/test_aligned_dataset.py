@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from power_recordings.alignment.align import load_aligned
+from power_recordings.alignment.align import load_aligned, merge
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages import cdr
 from wattwalk_core.errors import InputError
@@ -98,6 +98,12 @@ def test_recordings_are_joined_and_stay_apart(walk: Make, tmp_path: Path) -> Non
     assert np.isnan(data.extras['foot_force'][data.recording == 0]).all()
     assert np.isfinite(data.extras['foot_force'][data.recording == 1]).any()
     assert any(note.startswith(str(paths[0])) for note in data.notes)
+
+
+def test_recordings_of_different_rates_are_not_joined() -> None:
+    other = replace(dataset(), rate=400.0, recordings=('b',))
+    with pytest.raises(InputError, match='a and b: aligned at 200 Hz and 400 Hz'):
+        merge([dataset(), other])
 
 
 def test_recordings_of_different_joints_are_joined_only_where_told(

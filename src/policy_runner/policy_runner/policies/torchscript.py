@@ -81,7 +81,6 @@ def write_torchscript(folder: Path, file: Path) -> Path:
 
 class _TorchNetwork:
     def __init__(self, file: Path, contract: Contract) -> None:
-
         torch.set_num_threads(1)
         data = io.BytesIO(read_bytes(file, 'policy', SIZE))
         try:
@@ -100,10 +99,9 @@ class _TorchNetwork:
                 f'policy {file}: its output has shape {list(answer.shape)}; expected [1, 12] and '
                 'finite'
             )
-        self._module, self._torch = module, torch
+        self._module = module
 
     def __call__(self, observation: Singles) -> Singles:
-        torch = self._torch
         with torch.inference_mode():
             action = self._module(torch.from_numpy(observation[None]))
         return np.asarray(action[0].numpy())

@@ -13,7 +13,7 @@ from power_estimator.effects.signals.state import Signals
 Shape = Mapping[str, float]
 
 
-LEVERS = (*('gear_ratio', 'supply_voltage', 'winding_resistance', 'friction', 'idle', 'payload'),)
+LEVERS = ('gear_ratio', 'supply_voltage', 'winding_resistance', 'friction', 'idle', 'payload')
 """Changes of a drive, as factors, whose effect on the power a model may tell."""
 _ROWS = 20_000  # that quantiles are taken of
 

@@ -11,8 +11,8 @@ from typing import Any
 from numpy.typing import NDArray
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
-from wattwalk_core.yaml_file import read_text
+from wattwalk_core.files import read_bytes, write_whole
+from wattwalk_core.yaml_file import SIZE
 
 from power_estimator.drive_types import DriveType
 from power_estimator.evaluation.cost import sample_cost
@@ -103,12 +103,13 @@ class Result:
 
     @classmethod
     def load(cls, file: Path, point: SweepPoint) -> 'Result':
-        """Read a point's result; InputError for a file that is damaged or not there."""
+        """Read a point's result; InputError says whether the file is damaged or cannot be read."""
+        data = read_bytes(file, 'point', SIZE)
         try:
-            found = json.loads(read_text(file, 'point'))
+            found = json.loads(data)
             scores = {k: (float(v['r2']), float(v['r2_std'])) for k, v in found['types'].items()}
             return cls(point, scores, float(found['us_per_sample']), float(found['epochs']))
-        except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             raise InputError(f'{file} is damaged; remove it to redo the point') from None
 
 

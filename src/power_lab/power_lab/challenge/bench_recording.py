@@ -12,7 +12,7 @@ from drive_bench.motion.joint_limits import limits_of
 from drive_bench.motion.segment_path import JUMPS, Mounting
 from sim_bridge.offline.motions import MotionController
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.world import Stand
+from sim_bridge.plant.world import Stand, stand_world
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
@@ -72,7 +72,6 @@ def record_motion(
     the plant's unit. InputError for a drive that the bench does not have.
     """
     from sim_bridge.offline.run import OfflineRun, write_bag  # the simulated bus
-    from sim_bridge.plant.world import stand_world
 
     motion = BenchMotion(file)
     drive = drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
@@ -120,10 +119,6 @@ def record_on_bench(
 
     riddle: bag of a challenge whose robot is used; tell: takes a line with the expected time.
     """
-    from sim_bridge.plant.parameters import Plant  # slow to import: the simulator
-
-    from power_lab.challenge.bench_recording import record_motion  # imports the simulator
-
     motion = proposed.within(limits_of(proposed.drives, None))
     motion.save(file)
     plant = Plant.load('anymal_c')

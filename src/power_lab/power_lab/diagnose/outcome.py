@@ -171,7 +171,6 @@ class Outcome:
     def limits(self) -> list[dict[str, Any]]:
         """Effects that these recordings cannot decide on, with the motion that would, for JSON."""
         drives = len(self.prepared.signals.names)
-        drives = len(self.prepared.signals.names)
         return [
             {
                 'effect': one.name,

@@ -377,7 +377,6 @@ class Discoverer:
         return Written(
             name=name,
             formula=formula,
-            drives=names,
             physics=in_short(formula, values, names),
             bounds=bounds,
             near=look_alikes(formula),

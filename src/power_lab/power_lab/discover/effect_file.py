@@ -17,7 +17,6 @@ class Written:
 
     name: str
     formula: Formula
-    drives: Sequence[str]  # names of all drives of the recording
     physics: str
     bounds: Sequence[tuple[float, float]]  # of each coefficient, of these drives
     near: Sequence[str]

@@ -201,7 +201,6 @@ class Formula:
 
     primitive: Primitive
     places: Mapping[int, Place]  # by drive
-    shape_gain: float  # W² summed over its drives, of the free shapes
 
     @property
     def family(self) -> Family:

@@ -185,9 +185,7 @@ def _option(
                 if one.gain >= least[drive] and (known is None or one.gain > known.gain):
                     place = Place(shape.family, one.parameters, one.gain)
                     candidates[one.primitive.name][drive] = place
-    formulas = [
-        Formula(PRIMITIVES[name], places, 0.0) for name, places in candidates.items() if places
-    ]
+    formulas = [Formula(PRIMITIVES[name], places) for name, places in candidates.items() if places]
     if not formulas:
         return None
     best = max(formula.gain * _weight(formula) for formula in formulas)
@@ -196,7 +194,7 @@ def _option(
     near = [f for f in formulas if f.gain * _weight(f) >= enough]
     chosen = min(near, key=lambda f: (f.primitive.complexity, -f.gain))
     shape_gain = sum(max(shapes[d].gain, place.gain) for d, place in chosen.places.items())
-    formula = Formula(chosen.primitive, chosen.places, shape_gain)
+    formula = Formula(chosen.primitive, chosen.places)
     family = formula.family
     score = handicap(family) * max(formula.gain, 0.8 * shape_gain)
     return Option(formula, shape_gain, score, {d: shapes[d] for d in chosen.places})

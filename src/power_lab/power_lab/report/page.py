@@ -219,11 +219,10 @@ def _section_failures(
                 places.append(page.figure(figure, f'Error of {name} over {key}', size='low'))
         power = measured[:, column]
         groups = {'drawing': power >= 0, 'giving back': power < 0}
-        for label, words in labels.items():
+        for words in labels.values():
             kinds = [kind for kind in np.unique(words[:, column]) if kind]
             if len(kinds) > 1:
                 groups.update({str(kind): words[:, column] == kind for kind in kinds})
-            del label
         places.append(
             page.figure(figures.error_by(groups, own), f'Error of {name} by group', size='low')
         )

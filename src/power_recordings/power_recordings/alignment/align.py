@@ -124,8 +124,8 @@ def load_aligned(
 def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
     """Join aligned recordings, with the joints in the order of the first.
 
-    InputError for different joints, for torques of which only one is computed from a motor's
-    current, and for `steady` operating points beside others.
+    InputError for different joints or rates, for torques of which only one is computed from a
+    motor's current, and for `steady` operating points beside others.
     """
     first, *others = parts
     ordered = [first]
@@ -142,6 +142,10 @@ def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
 
 def _require_same_kind(first: AlignedDataset, other: AlignedDataset) -> None:
     both = f'{first.recordings[0]} and {other.recordings[0]}'
+    if first.rate != other.rate:
+        raise InputError(
+            f'{both}: aligned at {first.rate:g} Hz and {other.rate:g} Hz; align them at one rate'
+        )
     for name in ('motor_torque', 'current_as_torque'):
         if differ := getattr(first, name) ^ getattr(other, name):
             raise InputError(
