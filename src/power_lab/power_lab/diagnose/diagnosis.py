@@ -20,7 +20,7 @@ from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged
 from power_estimator.posterior.priors import OFF
 from wattwalk_core.arrays import Floats
 
-from power_lab.diagnose.findings import Candidate, Diagnosis, Residual, short
+from power_lab.diagnose.findings import LEAST_FALL, Candidate, Diagnosis, Residual, short
 from power_lab.structure.floors import unseen
 from power_lab.structure.owners_terms import DriveAtWork, in_owners_terms
 
@@ -172,7 +172,7 @@ def _alike(prepared: Prepared, fit: Fit, apart: Mapping[str, Floats]) -> Prepare
 
 
 def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects, Evidence]:
-    """Doubt named effects that lower no held-out error beside the others, the worst one first.
+    """Doubt named effects that hardly lower the held-out error beside the others, worst first.
 
     Return what is left of the names, and the held-out errors with these.
     """
@@ -183,7 +183,8 @@ def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects,
             for active in named
         }
         worst = min(less, key=lambda name: float(less[name].mean_mse.sum()))
-        if less[worst].mean_mse.sum() > best.mean_mse.sum():
+        errors = [float(np.sqrt(one.mean_mse.sum())) for one in (best, less[worst])]
+        if errors[1] > (1.0 + LEAST_FALL) * errors[0]:
             return found, best
         found = found.doubting(worst)
     return found, fits.base

@@ -21,7 +21,8 @@ UNLIKELY = 0.05
 _MUCH = 0.1  # of the held-out error
 _LIKELY = 0.5  # of all effects of such a set together
 _OF_NOISE = 5.0  # rms of a residual that a circuit without missing effects stays below
-_OF_BEST, _LEAST_FALL = 0.1, 0.01  # of the largest fall of the error, and of the error
+LEAST_FALL = 0.01  # of the held-out error, below which an effect is not borne out
+_OF_BEST = 0.1  # of the largest fall of the error
 
 
 def short(value: float) -> float:
@@ -200,7 +201,7 @@ class Diagnosis:
         if self.found.named:
             return tuple(active.name for active in self.actives)
         most = max((one.delta_rmse_w for one in self.open), default=0.0)
-        least = max(_OF_BEST * most, _LEAST_FALL * float(np.sqrt(self.base.mean_mse.mean())))
+        least = max(_OF_BEST * most, LEAST_FALL * float(np.sqrt(self.base.mean_mse.mean())))
         shown = [one for one in self.open if one.delta_rmse_w >= least]
         if not shown and self.residual is None:
             shown = list(self.open)
