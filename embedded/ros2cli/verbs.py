@@ -169,8 +169,8 @@ def _converted(path: str, kind: str, value: Any) -> Any:
         package, _, name = kind.partition('/')
         found = message_class(package, name)()
         fill(found, value, path)
-    elif kind == 'octet' and isinstance(value, int):
-        found = bytes((value & 255,))
+    elif kind == 'octet' and isinstance(value, int) and 0 <= value < 256:
+        found = bytes((value,))
     try:
         if kind in ('float', 'double') and type(value) is int:
             found = float(value)

@@ -28,7 +28,7 @@ from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.stand_ins import InSet, LogOdds, StandIn
 from power_estimator.posterior.summary import by_cause, summarised
-from scipy.special import expit, logit
+from scipy.special import expit, log_ndtr, logit
 from truth_circuit import Truth, record
 
 COLUMN = np.array([1.0, 2.0, 2.0])
@@ -145,6 +145,13 @@ def test_a_prior_mean_is_taken_out_of_the_power_before_it_is_explained():
     covariance = np.eye(3) + 0.04 * np.outer(COLUMN, COLUMN)
     assert found.evidence == pytest.approx(log_density(TARGET - 2.0 * COLUMN, covariance))
     assert found.mean[0] == pytest.approx((9.0 + 2.0 / 0.04) / (9.0 + 1 / 0.04))
+    # A mean of half a spread: of the prior ndtr(0.5) is positive, of the posterior all the same.
+    near = normal.centred(np.array([0]), np.array([0.5]), np.ones(1))
+    covariance = np.eye(3) + np.outer(COLUMN, COLUMN)
+    after = solved(near, 0, np.ones(1), np.array([True]))
+    shown = after.mean[0] / np.sqrt(after.covariance[0, 0])
+    free = log_density(TARGET - 0.5 * COLUMN, covariance)
+    assert after.evidence == pytest.approx(free + log_ndtr(shown) - log_ndtr(0.5))
 
 
 def cell_of(columns, target, sizes, signed):
@@ -246,7 +253,7 @@ def test_blocked_and_lossy_regeneration_are_told_apart_by_the_share_that_is_lost
     assert over_by_share(lossy, blocked, 1.0, 0.0) == pytest.approx(-expected)
     assert over_by_share(lossy, blocked, 0.5, 0.05) > 5.0
     assert abs(over_by_share(lossy, blocked, 0.75, 0.2)) < 2.0  # not known well enough
-    assert over_by_share('load_friction', blocked, 1.0, 0.0) == 0.0
+    assert over_by_share(lossy, blocked, 0.5, 1e4) == pytest.approx(0.0, abs=1e-3)  # nothing seen
 
 
 def test_a_robots_sets_are_searched_on_the_strongest_drives_of_each_type():
@@ -329,7 +336,8 @@ def test_an_effect_in_doubt_is_named_no_more_and_comes_behind_others_that_are():
     doubted = found.doubting('spring')
     assert doubted.named == (idle,)
     assert list(doubted.probability.items()) == [('idle', NAMED), ('spring', DOUBTED)]
-    assert doubted.any_missing == 0.99
+    assert doubted.any_missing == 0.99  # as one is named
+    assert doubted.doubting('idle').any_missing == DOUBTED
 
 
 def test_effects_that_stand_for_each_other_share_the_probability_of_both():

@@ -1,11 +1,14 @@
 """A seeded part of the blind benchmark: truths are circuits, never the lab's formulas."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import material
-from power_lab.diagnose.diagnosis import diagnosed
+from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged_effects
+from power_lab.diagnose.diagnosis import _borne_out, diagnosed
 from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.measurement import measurement_terms
 from power_lab.diagnose.verdict import MOST_WORDS, remainder, sentence, to_do
@@ -93,14 +96,12 @@ def test_a_known_effect_of_another_shape_is_not_taken_for_a_missing_one():
     known = [Active.of(CATALOGUE[name]) for name in plant.known]
     (lossy,) = (one for one in known if one.name == 'regeneration_efficiency')
     assert lossy.parameters == {'bridge': 0.0}  # while the plant's electronics do not regenerate
-    found = diagnosed(material(plant.data, per='drive'), known, CATALOGUE)
-    assert (found.verdict, found.effects) == ('no_evidence', ())
-    own = {one.name: one for one in found.found.known}
-    assert own[lossy.name].parameters == {'bridge': 1.0}
-    (share,) = np.quantile(
-        found.found.meters[0].coefficients[lossy.name], [0.025, 0.975], axis=0
-    ).T
-    assert share[0] < 0.2 < share[1]
+    given = material(plant.data, per='drive')
+    found = judged_effects(given.prepared, given.structure(known).actives, CATALOGUE)
+    assert max(found.probability.values()) < 0.5
+    assert {one.name: one.parameters for one in found.known}[lossy.name] == {'bridge': 1.0}
+    low, high = np.quantile(found.meters[0].coefficients[lossy.name], [0.025, 0.975])
+    assert low < 0.2 < high
 
 
 def test_hysteresis_of_the_torque_sensor_is_not_taken_for_heating():
@@ -110,6 +111,43 @@ def test_hysteresis_of_the_torque_sensor_is_not_taken_for_heating():
     found = diagnosed(material(plant.data, per='drive'), known, CATALOGUE)
     assert found.found.probability['winding_heating'] < 0.5
     assert found.effects == ()
+
+
+def borne_out(errors):
+    """Names that are left of three certain ones; errors: held-out, W, by the names in a model."""
+    names = ('spring', 'idle', 'iron_loss')
+    actives = tuple(Active.of(CATALOGUE[name]) for name in names)
+    judged = tuple(JudgedEffect(active, 0.99, np.ones(3), 0.3) for active in actives)
+
+    def added(some, _iterations):
+        own = frozenset(active.name for active in some)
+        return SimpleNamespace(mean_mse=np.square(np.atleast_1d(errors[own])))
+
+    prepared = SimpleNamespace(noise=np.zeros(1), steady=True)
+    base = added((), 0)
+    fits = SimpleNamespace(added=added, base=base, fitter=SimpleNamespace(prepared=prepared))
+    found, best = _borne_out(JudgedEffects(judged, 0.99, {}, (), actives, (), 1.0), fits)
+    named = tuple(active.name for active in found.named)
+    return named, float(np.sqrt(best.mean_mse.sum()))
+
+
+def of_sets(**errors):
+    return {frozenset(name.split('_and_')) - {'none'}: watts for name, watts in errors.items()}
+
+
+def test_names_that_lower_no_held_out_error_go_one_by_one_and_of_two_alike_one_stays():
+    alike = of_sets(
+        none=9.0, spring=1.0, idle=1.0, iron_loss=9.0, spring_and_idle=1.0,
+        spring_and_iron_loss=1.0, idle_and_iron_loss=1.0, spring_and_idle_and_iron_loss=1.0,
+    )  # fmt: skip
+    named, error = borne_out(alike)
+    assert len(named) == 1
+    assert named[0] in ('spring', 'idle')
+    assert error == 1.0
+    least = {names: 9.0 - 0.08 * len(names) for names in alike}  # W, each less than 1 % of 9 W
+    assert borne_out(least) == ((), 9.0)
+    enough = {names: 9.0 - 1.0 * len(names) for names in alike}
+    assert borne_out(enough) == (('spring', 'idle', 'iron_loss'), 6.0)
 
 
 def test_two_hidden_effects_are_both_named():

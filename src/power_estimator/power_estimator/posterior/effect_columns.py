@@ -45,7 +45,7 @@ def apart(
 ) -> Floats:
     """Columns of an effect less what others by name, and the meter's gain, take over [N, n].
 
-    A gain changes the shaft's power too: what it does to effects, their coefficients do.
+    A gain changes what has no coefficient, the shaft's power: the rest is up to coefficients.
     """
     taken = columns.places_of(names)
     taken = taken[(taken < places.start) | (taken >= places.stop)]

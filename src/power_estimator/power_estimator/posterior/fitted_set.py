@@ -11,7 +11,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import MeterProblem, Point
-from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SHARES, SIZES
+from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
 
 _ITERATIONS = 6
 _SETTLED = 1.0  # nats
@@ -91,7 +91,11 @@ def cells(
     middle = np.concatenate([np.where(flat, KNOWN_SIZE, LINEAR_SIZE), ones])
     logs = by_delay(normals, middle)
     place = int(np.argmax(logs.max(axis=0)))
-    shares = [(i, SHARES[name]) for i, name in enumerate(names) if name in SHARES and not flat[i]]
+    shares = [
+        (i, meter.shares[name])
+        for i, name in enumerate(names)
+        if name in meter.shares and not flat[i]
+    ]
     places = np.array([i for i, _ in shares], np.intp)
     mean, own = np.array([share for _, share in shares]).reshape(-1, 2).T / columns.watts[places]
     out = []

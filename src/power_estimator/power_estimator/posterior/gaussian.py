@@ -41,7 +41,7 @@ class NormalEquations:
         return NormalEquations(self.spread, gram, moments, constants)
 
     def centred(self, places: NDArray[np.intp], mean: Floats, spread: Floats) -> 'NormalEquations':
-        """Return the problem where signed coefficients at places have prior means [k]."""
+        """Return the problem where coefficients at places, not negative, have prior means [k]."""
         moments = self.moments.copy()
         moments[places] += (mean / spread**2)[:, None]
         nats = 0.5 * np.square(mean / spread) + log_ndtr(mean / spread) + np.log(2.0)

@@ -69,7 +69,10 @@ class JudgedEffects:
             else one
             for one in self.candidates
         )
-        return replace(self, candidates=_in_order(candidates))
+        any_missing = self.any_missing
+        if not any(one.probability >= NAMED for one in candidates):
+            any_missing = min(any_missing, max(one.probability for one in candidates))
+        return replace(self, candidates=_in_order(candidates), any_missing=any_missing)
 
     @property
     def named(self) -> tuple[Active, ...]:

@@ -26,6 +26,7 @@ from power_estimator.posterior.priors import (
     DEPARTURES,
     DISCREPANCY,
     KINDS,
+    SHARES,
     SPIKE,
 )
 from power_estimator.posterior.sensors import SENSORS, UNMOVED, SensorErrors
@@ -58,6 +59,8 @@ class MeterProblem:
         """fixed: effects of the model without coefficients; base: a model underneath."""
         self.prepared, self.signals = prepared, prepared.signals
         self.fixed = tuple(fixed)
+        # A model underneath may have learned a part of what is lost: any share may be missing.
+        self.shares: Mapping[str, tuple[float, float]] = SHARES if base is None else {}
         self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None

@@ -27,18 +27,17 @@ def prior_of(name: str, *, expected: bool = False) -> float:
 
 
 def over_by_share(name: str, other: str, share: float, spread: float) -> float:
-    """Log odds of an effect over another of the same form, by the share that they take.
+    """Log odds of one effect of SHARES over another, by the share that both would take.
 
-    spread: of the share as the recording shows it. 0 for effects that are no shares of a power.
+    share, spread: mean and standard deviation of what the recording shows.
     """
-    if name not in SHARES or other not in SHARES:
-        return 0.0
 
     def density(mean: float, own: float) -> float:
         variance = own**2 + spread**2
-        return (
-            -0.5 * (share - mean) ** 2 / variance - 0.5 * np.log(variance) - log_ndtr(mean / own)
-        )
+        normal = -0.5 * ((share - mean) ** 2 / variance + np.log(variance))
+        # Shares are not negative, before the recording and after it.
+        after = (mean * spread**2 + share * own**2) / (own * max(spread, 1e-9) * variance**0.5)
+        return float(normal + log_ndtr(after) - log_ndtr(mean / own))
 
     return density(*SHARES[name]) - density(*SHARES[other])
 

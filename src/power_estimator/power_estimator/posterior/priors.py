@@ -101,11 +101,12 @@ ALIKE: Final = 0.5  # share of a formula's error that drives of one robot have i
 BLOCK: Final = 2.0  # s
 LEAST_TO_JUDGE: Final = 4 * BLOCK  # s: the noise's weights are those of blocks
 SEARCHED: Final = 6  # drives of a robot on which sets are searched; the others take the best
-TRIED: Final = 2  # sets of one effect more that are judged at their own point, by either screening
+TRIED: Final = 2  # neighbours of a set, by either screening, that are judged at their own point
+PAIRS: Final = 3  # the same of sets of two effects more
 WORTH: Final = 0.5  # nats, of a further effect
 STEPS: Final = 9
 NAMED: Final = 0.95
-DOUBTED: Final = 0.9  # at most, where an effect lowers no held-out error
+DOUBTED: Final = 0.9  # at most, where an effect hardly lowers the held-out error
 MIMICS: Final = 1.0
 """
 Size of an effect over the discrepancy, W rms over W rms, at which its evidence counts half.

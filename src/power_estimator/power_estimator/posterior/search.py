@@ -19,6 +19,7 @@ from power_estimator.posterior.odds import has_wholes, prior_of
 from power_estimator.posterior.priors import (
     ALIKE,
     KNOWN_SIZE,
+    PAIRS,
     SEARCHED,
     STEPS,
     TRIED,
@@ -31,7 +32,7 @@ _LIKELY = 4.0  # the same, where sets are only screened
 
 
 class EffectSearch:
-    """Sets of effects of one robot, from the model's own on, one effect more at a time."""
+    """Sets of effects of one robot: from the model's own on, one more, fewer or another."""
 
     def __init__(
         self,
@@ -111,7 +112,7 @@ class EffectSearch:
             for (_, a, _), (_, b, _) in itertools.combinations(single.values(), 2)
         ]
         screened = self.screened(pairs, chosen)
-        likely = sorted(pairs, key=lambda each: -screened[each])[:TRIED]
+        likely = sorted(pairs, key=lambda each: -screened[each])[:PAIRS]
         score, best = max(((self.score(each), each) for each in likely), default=(here, chosen))
         return best if score >= here + WORTH else chosen
 
@@ -129,7 +130,8 @@ class EffectSearch:
     def settled(self, chosen: Chosen) -> list[Point]:
         """Points of a set for all meters; those that were not searched are fitted now."""
         own = [self.actives[i] for i in sorted(chosen)]
-        known = dict(zip(self.searched, self.points, strict=True))
+        fitted = [one.point for one in self.at(chosen)]
+        known = dict(zip(self.searched, fitted, strict=True))
 
         def point(d: int) -> Point:
             if d in known:
@@ -275,7 +277,7 @@ class EffectSearch:
         return self._normals[m]
 
     def _promising(self, chosen: Chosen) -> list[Chosen]:
-        """Best neighbours of a set, of each kind of step one: more, fewer, another shape, swap.
+        """Best neighbours of a set, of kinds of steps that differ: more, fewer, a swap, a shape.
 
         Beside these come the best of the problem without departures: of a friction that stands in
         for another they take over what is left. And the best other shape of a known effect.
@@ -309,15 +311,19 @@ class EffectSearch:
 
     def _neighbours(self, chosen: Chosen) -> list[Chosen]:
         """Sets of one effect more, fewer, of another shape or in place of another."""
-        other = [
-            tuple(sorted(i if k == j else k for k in chosen))
-            for j in chosen
-            for i, name in enumerate(self.names)
-            if name == self.names[j] and i != j
-        ]
+        other = self.reshaped(chosen, chosen)
         fewer = [tuple(i for i in chosen if i != j) for j in self.new_in(chosen)]
         swaps = [each for j in self.new_in(chosen) for each in self.swaps(chosen, j)]
         return [*self.more(chosen), *other, *fewer, *swaps]
+
+    def reshaped(self, chosen: Chosen, which: Sequence[int]) -> list[Chosen]:
+        """Sets with one of some effects in another shape."""
+        return [
+            tuple(sorted(i if k == j else k for k in chosen))
+            for j in which
+            for i, name in enumerate(self.names)
+            if name == self.names[j] and i != j
+        ]
 
     def more(self, chosen: Chosen) -> list[Chosen]:
         """Sets of one effect more."""

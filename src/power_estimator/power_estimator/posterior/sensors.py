@@ -39,11 +39,13 @@ AT_MOTOR: Final = 0.2
 """Torque by a current and a constant is off by a fifth, a torque sensor by a tenth."""
 _SLIPS: Final[Mapping[str, float]] = {'torque_slip': 0.05, 'torque_play': 0.15}
 """
-Share of the rms torque over which a sensor's hysteresis turns round.
+Half of the way, in rms torques, over which a sensor's hysteresis turns round.
 
 Sums of such plays make the loops of sensors (Krasnosel'skii and Pokrovskii 1983). With one alone,
 loops of another width were named heating of a winding.
 """
+LOOPS: Final = tuple(_SLIPS)
+"""Parts of one hysteresis: their sum is stated, by the name of the first."""
 
 
 def spreads(signals: Signals) -> Mapping[str, float]:

@@ -19,7 +19,7 @@ _STAND_INS = 3  # effects that are fitted in the place of one, the most probable
 _SCREENING = 0.5  # of evidence as linearised that, as a rule, is left once both sets are fitted
 _SURE = 6.0  # log odds over another, 400 to 1, from which it is not fitted
 _HARDLY_EVER = 3.0  # prior spreads
-_LEAST_SHOWN = 1e-9  # of a share, over its prior's spread squared
+_LEAST_SHOWN = 1e-9  # precision of a share, by which a recording shows nothing of it
 _MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
 
 
@@ -93,9 +93,10 @@ def judged_set(
     for place in search.new_in(chosen):
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
+        without = _without(search, chosen, fewer)
         own = _apart_w(search, chosen, place, None, left)
         before = search.prior_odds(name)
-        none = LogOdds(before, here - search.score(fewer), ratio_of(own, left))
+        none = LogOdds(before, here - without, ratio_of(own, left))
         best = search.best_new(search.swaps(chosen, place), fewer, chosen)
         stand_ins = []
         for score, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
@@ -108,15 +109,24 @@ def judged_set(
             fitted = search.score(each)
             against = LogOdds(known, here - fitted, apart)
             ratio = ratio_of(_explained_w(search, each, new), left)
-            alone = LogOdds(other, fitted - search.score(fewer), ratio)
+            alone = LogOdds(other, fitted - without, ratio)
             stand_ins.append(StandIn(new, each, against, alone))
         out.append(InSet(place, none, tuple(stand_ins)))
     return out
 
 
+def _without(search: EffectSearch, chosen: Chosen, fewer: Chosen) -> float:
+    """Log posterior of a set of fewer effects, a known one in its best other shape if need be."""
+    scores = [search.score(fewer)]
+    if others := search.reshaped(fewer, [i for i in fewer if search.names[i] in search.known]):
+        screened = search.screened(others, chosen)
+        scores.append(search.score(max(others, key=lambda each: screened[each])))
+    return max(scores)
+
+
 def _by_share(search: EffectSearch, chosen: Chosen, name: str, other: str) -> float:
     """Log odds of an effect of a set over another by the share that both take."""
-    if name not in SHARES or other not in SHARES:
+    if search.underneath or name not in SHARES or other not in SHARES:
         return 0.0
     actives = [search.actives[i] for i in chosen]
     place = sum(len(a.effect.terms) for a in actives[: [a.name for a in actives].index(name)])

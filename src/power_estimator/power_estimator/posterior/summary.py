@@ -17,7 +17,7 @@ from power_estimator.posterior.meter import (
     Point,
 )
 from power_estimator.posterior.priors import MISFIT
-from power_estimator.posterior.sensors import SCALES, SENSORS, spreads
+from power_estimator.posterior.sensors import LOOPS, SCALES, SENSORS, spreads
 
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own
 _MISFITS = 4  # draws of what no formula explains for each of the rest, for ends that stand still
@@ -95,11 +95,14 @@ def summarised(
     costs = {
         name: unit_w[name] * abs(float(nuisance[:, i].mean())) for i, name in enumerate(SENSORS)
     }
+    loops = [i for i, name in enumerate(SENSORS) if name in LOOPS]
+    costs[LOOPS[0]] = rms(apart_of[:, loops] @ nuisance[:, loops].mean(axis=0))
     for i, name in enumerate(SENSORS):
         if name in SCALES:  # what no formula explains may look like an error of a scale
             ratio = min(size / max(unit_w[name], 1e-12), 1.0 / MISFIT)
             nuisance[:, i] += MISFIT * ratio * random.standard_t(_TAILS, size=len(drawn))
     sensors = {name: nuisance[:, i] * units[name] for i, name in enumerate(SENSORS)}
+    sensors[LOOPS[0]] = sum((sensors.pop(name) for name in LOOPS[1:]), sensors[LOOPS[0]])
     # A sensor that reads low makes the power high for its torque.
     sensors['torque_scale'] = 1.0 / np.maximum(1.0 + sensors['torque_scale'], 0.1) - 1.0
     sensors['time_offset'] = sensors['time_offset'] + float(meter.prepared.shifts[place])

@@ -4,6 +4,7 @@ Sets of effects are searched in `power_estimator.posterior.search`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -100,18 +101,23 @@ class AddedEffects:
         start = self.fitter.fit(self.structure.with_discrepancies(), iterations=4)
         self.base = self.examiner.examine(start)
 
-    def added(
-        self, actives: Sequence[Active], iterations: int = 2, known: Sequence[Active] = ()
-    ) -> Evidence:
-        """Refit the base with effects added, and return its held-out evidence.
-
-        known: shapes in place of those of the base's effects of the same name.
-        """
-        shapes = {active.name: active for active in known}
-        base = Structure(tuple(shapes.get(one.name, one) for one in self.structure.actives))
-        whole = base.plus(*actives).with_discrepancies()
+    def added(self, actives: Sequence[Active], iterations: int = 2) -> Evidence:
+        """The base with effects, all fitted anew."""
+        whole = self.structure.plus(*actives).with_discrepancies()
         fit = self.fitter.fit(whole, self.base.fit, iterations=iterations)
         return self.examiner.examine(fit, [active.name for active in actives])
+
+    def reshaped(self, known: Sequence[Active]) -> 'AddedEffects':
+        """Errors of a base whose effects have the shapes of known ones."""
+        shapes = {active.name: active for active in known}
+        structure = Structure(tuple(shapes.get(one.name, one) for one in self.structure.actives))
+        if structure == self.structure:
+            return self
+        out = copy(self)
+        out.structure = structure
+        start = self.fitter.fit(structure.with_discrepancies(), self.base.fit, iterations=4)
+        out.base = self.examiner.examine(start)
+        return out
 
 
 def diagnosed(
@@ -132,6 +138,7 @@ def diagnosed(
     found = judged_effects(own.prepared, physics, catalogue, own.base_power, show)
     apart: dict[str, Floats] = {}
     if has_own_terms(fits.structure):
+        fits = fits.reshaped(found.known)
         fit = fits.added(found.added).fit
         apart = _apart(fit)
         found = judged_effects(
@@ -140,6 +147,7 @@ def diagnosed(
     show('holding the effects against held-out data')
     if delays.any():
         apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
+    fits = fits.reshaped(found.known)
     found, best = _borne_out(found, fits)
     return Diagnosis(
         found=found,
@@ -177,14 +185,18 @@ def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects,
     Return what is left of the names, and the held-out errors with these.
     """
     while named := found.named:
-        best = fits.added(named, 3, found.known)
-        less = {
-            active.name: fits.added([one for one in named if one is not active], 3, found.known)
-            for active in named
-        }
-        worst = min(less, key=lambda name: float(less[name].mean_mse.sum()))
-        errors = [float(np.sqrt(one.mean_mse.sum())) for one in (best, less[worst])]
-        if errors[1] > (1.0 + LEAST_FALL) * errors[0]:
+        best = fits.added(named, 3)
+        chance = chance_w2(best, fits.fitter.prepared)
+
+        def error(one: Evidence, chance: Floats = chance) -> Floats:
+            return np.sqrt(np.maximum(one.mean_mse - chance, 0.0))
+
+        rises = {}
+        for active in named:
+            less = fits.added([one for one in named if one is not active], 3)
+            rises[active.name] = np.nanmax(error(less) - (1.0 + LEAST_FALL) * error(best))
+        worst = min(rises, key=lambda name: float(rises[name]))
+        if rises[worst] > 0.0:
             return found, best
         found = found.doubting(worst)
     return found, fits.base

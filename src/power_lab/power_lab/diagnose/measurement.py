@@ -69,7 +69,7 @@ def measurement_terms(
     usual, names = spreads(prepared.signals), prepared.names
     lag = prepared.lag.mean(keepdims=True) if prepared.whole else prepared.lag
     out = {}
-    for name in SENSORS:
+    for name in found.meters[0].sensors:
         if prepared.steady and name not in _SCALES_AND_OFFSETS:
             continue
         drawn = [one.sensors[name] for one in found.meters]
@@ -147,7 +147,6 @@ _CHECKS: Mapping[str, str] = {
     'offset_drift': 'read the meter with the drive unplugged, before and after',
     'torque_hysteresis': 'load it with known masses, more and more and then less',
     'torque_slip': 'load it with known masses, more and more and then less',
-    'torque_play': 'load it with known masses, more and more and then less',
     'velocity_lag': 'compare it with the slope of the position, and turn its filter off',
     'torque_lag': 'compare it with the current at a step of torque, and turn its filter off',
     'time_offset': 'compare the stamps of power and torque at a step of torque',

@@ -80,10 +80,14 @@ def judged_steps(
             else active
             for active in actives
         )
-        structure = Structure((*model.structure.actives, *known))
+        own = (
+            replace(one, shape=shapes.get(one.name, one.shape)) for one in model.structure.actives
+        )
+        structure = Structure((*own, *known))
         return replace(model, name=name, structure=structure, groups=(), fitted_on=(), history=())
 
     whole = judge.prepared.whole
+    shapes = {} if whole else {one.name: one.shape for one in diagnosis.found.known}
     actives = diagnosis.actives
     models: list[PowerModel] = [
         grown(actives[:count], f'+ {", ".join(in_words(one.name) for one in actives[:count])}')
@@ -160,6 +164,14 @@ class Outcome:
     def notes(self) -> list[str]:
         """Sentences on what the verdict rests on, each one a limit or a doubt."""
         found = [line for line in self.lines if line != self.sentence]
+        shapes = {one.name: one for one in self.diagnosis.found.known}
+        for one in self.model.structure.actives:
+            if (other := shapes.get(one.name, one)).shape != one.shape:
+                old, new = (
+                    ', '.join(f'{name} = {value:g}' for name, value in each.shape)
+                    for each in (one, other)
+                )
+                found.append(f'{in_words(one.name)} fits better with {new} than with {old}')
         if self.prepared.seconds < self.seconds - 1.0:
             found.append(
                 f'judged on {self.prepared.seconds:.0f} of {self.seconds:.0f} s, in pieces spread '
