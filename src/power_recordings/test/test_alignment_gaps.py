@@ -1,4 +1,4 @@
-"""Gaps in what was recorded end a segment and are never bridged."""
+"""Gaps in what was recorded end a segment; a sample that is lost alone is bridged."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from power_recordings.alignment.stream import Stream
 from synthetic_walk import aligned, seconds, spans, wave
 
 Make = Callable[..., Any]
@@ -56,19 +57,37 @@ def test_one_missing_joint_state_is_no_gap(walk: Make, tmp_path: Path) -> None:
     np.testing.assert_allclose(data.position, expected, atol=2e-3)
 
 
-def test_samples_of_bad_status_or_nan_are_gaps(walk: Make, tmp_path: Path) -> None:
+def test_a_sample_of_bad_status_and_several_of_nan_are_gaps(walk: Make, tmp_path: Path) -> None:
     sketch = walk(5.0)
     sketch.current[1500, 0] = 900.0
     sketch.status[1500, 0] = 4
-    sketch.current[3000, 2] = np.nan
-    sketch.effort[1600, 1] = np.nan  # 4.0 s
+    sketch.current[3000:3003, 2] = np.nan
+    sketch.effort[1600:1602, 1] = np.nan  # 4.0 s
     data = aligned(sketch, tmp_path)
     assert len(spans(data)) == 4
     np.testing.assert_allclose(data.power, 96, rtol=1e-5)
     notes = ' '.join(data.notes)
     assert 'drive_supply: 1 samples of bad status cut out' in notes
-    assert 'drive_supply: 1 samples with NaN cut out' in notes
-    assert 'joint_states: 1 samples with NaN cut out' in notes
+    assert 'drive_supply: 3 samples with NaN cut out' in notes
+    assert 'joint_states: 2 samples with NaN cut out' in notes
+
+
+def test_a_sample_of_nan_is_bridged_as_a_lost_one_is(walk: Make, tmp_path: Path) -> None:
+    sketch = walk(5.0)
+    sketch.current[3000, 2] = np.nan
+    sketch.effort[1600, 1] = np.nan
+    data = aligned(sketch, tmp_path)
+    assert len(spans(data)) == 1
+    np.testing.assert_allclose(data.power, 96, rtol=1e-5)
+
+
+def test_a_sample_apart_stays_apart_where_it_is_bad() -> None:
+    time, values = np.arange(8.0), np.arange(8.0, dtype=np.float32)[:, None]
+    bad, apart = np.zeros(8, np.bool_), np.zeros(8, np.bool_)
+    bad[[0, 3]] = apart[3] = True
+    found = Stream.of(time, values, bad, apart)
+    assert found.time.tolist() == [1, 2, 4, 5, 6, 7]
+    assert (found.starts.tolist(), found.stops.tolist()) == ([0, 2], [2, 6])
 
 
 def test_bad_samples_of_a_drive_that_is_not_wanted_do_not_matter(

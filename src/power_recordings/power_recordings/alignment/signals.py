@@ -223,6 +223,8 @@ class SignalCollector:
                 f'drive_supply: {supply.lost} samples missing in {lost.sum()} places'
             )
         apart = lost | np.isin(supply.stamp_ns, self._recording.breaks('drive_supply'))
+        read = np.isfinite(voltage * current)
+        apart |= (flagged & read)[:, keep].any(axis=1)  # wrong, as the meter itself says
         volts, amps = voltage[:, keep], current[:, keep]
         celsius = supply.temperature[:, columns][:, keep]
         values = np.concatenate([volts * amps, volts, amps, celsius], axis=1)

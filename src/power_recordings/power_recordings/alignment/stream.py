@@ -15,8 +15,8 @@ from power_recordings.reading.ordering import longest_step
 class Stream:
     """K signals at N times, in runs without gaps.
 
-    A run ends before a step that is a gap (`longest_step`), at a sample that is marked bad (which
-    is in no run), and before a sample that is marked `apart` from the one before.
+    A run ends before a step that is a gap (`longest_step`), and before a sample that is marked
+    `apart` from the one before. Samples that are marked bad count as lost: they are left out.
     """
 
     time: Floats  # s [N], ascending
@@ -31,18 +31,16 @@ class Stream:
     ) -> 'Stream':
         """Build a stream of at least two samples; `bad` and `apart` [N] default to none."""
         steps = np.diff(time)
-        period = float(np.median(steps))
-        good = np.ones(len(time), np.bool_) if bad is None else ~bad
-        begins = np.ones(len(time), np.bool_)
-        begins[1:] = steps > longest_step(steps)
-        if apart is not None:
-            begins |= apart
-        begins[1:] |= ~good[:-1]
-        ends = np.ones(len(time), np.bool_)
-        ends[:-1] = begins[1:] | ~good[1:]
-        return cls(
-            time, values, period, np.flatnonzero(begins & good), np.flatnonzero(ends & good) + 1
-        )
+        period, longest = float(np.median(steps)), longest_step(steps)
+        begins = np.zeros(len(time), np.bool_) if apart is None else apart.copy()
+        if bad is not None and bad.any():
+            groups = np.cumsum(np.concatenate([[True], ~bad[:-1]])) - 1  # up to each good one
+            begins = np.bincount(groups, begins, minlength=groups[-1] + 1)[groups[~bad]] > 0
+            time, values = time[~bad], values[~bad]
+        begins[:1] = True
+        begins[1:] |= np.diff(time) > longest
+        starts = np.flatnonzero(begins)
+        return cls(time, values, period, starts, np.append(starts[1:], len(time)))
 
     def half(self, rate: float) -> int:
         """Return how many samples each end of a run loses to the filter for `rate` Hz."""
