@@ -57,7 +57,10 @@ COEFFICIENTS = {
 
 
 def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
-    """Judge as `power_lab diagnose` does, intervals at LEVELS; known: effects of the base."""
+    """Judge by the posterior of `power_lab diagnose`, without its held-out errors.
+
+    known: effects of the base. Intervals are at LEVELS.
+    """
     catalogue = builtin_catalogue()
     given = material(data, per='drive').at_most(MOST_SECONDS)
     prepared = given.prepared

@@ -25,7 +25,6 @@ from power_estimator.posterior.odds import has_wholes, over_by_share, prior_of, 
 from power_estimator.posterior.priors import DOUBTED, MIMICS, NAMED, TOLD_APART, USUAL
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.search import representatives
-from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.stand_ins import InSet, LogOdds, StandIn
 from power_estimator.posterior.summary import by_cause, summarised
 from scipy.special import expit, log_ndtr, logit
@@ -272,39 +271,6 @@ def test_the_discrepancy_by_cause_adds_up_the_features_of_each():
     found = by_cause(parts, ('time', 'torque', 'torque'))
     assert found == {'torque': pytest.approx(np.sqrt((2.5**2 + 1.5**2) / 2)), 'time': 1.0}
     assert next(iter(found)) == 'torque'  # largest first
-
-
-def test_slip_follows_the_torque_between_its_ends():
-    torque = np.array([0.0, 1.0, 2.0, 1.5, -4.0])[:, None]
-    rms = np.sqrt(np.mean(torque**2))
-    reach = 0.05 * rms  # N·m; each step here is longer than both ways of it but the first two
-    assert reach < 0.25
-    assert slip(torque, 0.05)[:, 0] == pytest.approx([0.0, 1.0, 1.0, -1.0, -1.0])
-
-
-def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does():
-    steps = np.array([0.0, 0.5, 1.0, -0.5, -1.0, -1.0])  # of the reach
-    load = 20.0 / np.sqrt(1 - 0.05**2)
-    torque = load + np.cumsum(steps)
-    reach = 0.05 * np.sqrt(np.mean(torque**2))
-    found, expected = slip(torque[:, None], 0.05)[:, 0], [0.0]
-    for step in steps[1:] / reach:
-        expected.append(float(np.clip(expected[-1] + step, -1.0, 1.0)))
-    assert found == pytest.approx(expected)
-    assert min(found) == -1.0 < max(found)
-
-
-def test_hysteresis_of_a_width_between_two_plays_is_their_sum():
-    random = np.random.default_rng(6)
-    torque = 20.0 + np.cumsum(random.normal(size=(4000, 1)), axis=0)
-    loop = slip(torque, 0.1)
-    plays = np.concatenate([slip(torque, 0.05), slip(torque, 0.15), np.ones_like(loop)], axis=1)
-    left = {
-        count: (loop - plays[:, own] @ np.linalg.lstsq(plays[:, own], loop, rcond=None)[0]).var()
-        for count, own in ((1, [0, 2]), (2, [0, 1, 2]))
-    }
-    assert left[2] < 0.1 * loop.var()
-    assert left[1] > 0.25 * loop.var()  # one play alone
 
 
 def test_a_gain_takes_over_the_shafts_power_and_no_effect_at_standstill():
