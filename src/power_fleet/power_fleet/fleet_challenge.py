@@ -27,7 +27,10 @@ _WEEK = 7.0
 
 @dataclass(frozen=True)
 class FleetChallenge:
-    """Histories of two simulated robots, and the change hidden in one drive of one of them."""
+    """Histories of two simulated robots, with a change hidden in one drive of one, or none.
+
+    kind: one of KINDS; without a change `drive` is empty and `course` None.
+    """
 
     plans: tuple[AgeingPlan, ...]
     kind: str

@@ -77,7 +77,10 @@ class MotionFile:
         return any(segment.until_warmer for segment in self.segments)
 
     def with_pull(self, pull: float) -> 'MotionFile':
-        """Return the motion with shares times `pull`, N·m, as torques; InputError if that is 0."""
+        """Return the motion with its shares times `pull`, N·m, as torques; itself without shares.
+
+        InputError for shares if `pull` is not above 0.
+        """
         if not self.shares:
             return self
         if not pull > 0.0:

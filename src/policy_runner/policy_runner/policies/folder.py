@@ -104,7 +104,10 @@ class Contract:
         return np.array([values[joint] for joint in self.joints])
 
     def checked(self, tensors: Tensors) -> dict[str, Singles]:
-        """Return the tensors as float32; InputError for one missing, unknown or unfit."""
+        """Return the network's weights by name as float32.
+
+        InputError for one that is missing, unknown, of another shape or not finite.
+        """
         shapes = self.network.shapes(self.observation.size, len(self.joints))
         return checked_tensors(tensors, shapes, WEIGHTS)
 

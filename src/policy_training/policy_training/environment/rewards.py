@@ -1,4 +1,4 @@
-"""Rewards of legged_gym's flat ANYmal for N robots at once, one function for each."""
+"""Rewards of legged_gym's flat ANYmal for N robots at once; power is in `environment.py`."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -56,7 +56,10 @@ class RunFolder:
         return config, state
 
     def add(self, iteration: int, steps: int, values: Mapping[str, float]) -> None:
-        """Append a row to the curves, in the folder and in TensorBoard; values: by name."""
+        """Append a row to the curves, in the folder and in TensorBoard.
+
+        steps: policy steps of all robots so far; values: by name.
+        """
         with (self.path / CURVES).open('a', encoding='utf-8') as stream:
             rounded = {name: float(f'{value:.6g}') for name, value in values.items()}
             stream.write(json.dumps({'iteration': iteration, 'steps': steps, **rounded}) + '\n')

@@ -262,7 +262,12 @@ class _Problem:
         return delay, spring
 
     def linear(self, delay: float, spring: ShaftSpring) -> tuple[Floats, Floats, Floats]:
-        """Linearise: Jacobian [R, 3 + P] over delay, spring, coefficients; residual; times [R]."""
+        """Linearise the modelled power at a delay, s, and a spring.
+
+        Return its Jacobian [R, 3 + P], the residual (measured − model, W [R]) and the times, s.
+        The Jacobian's columns: delay, compliance and relaxation of the spring, P coefficients.
+        R counts those of the T times at which power and all features are known.
+        """
         curve = self._features(spring)
         x, good = self._rows(curve, delay)
         rise, _ = self._rows(curve.derivative(), delay)

@@ -66,14 +66,15 @@ class Field:
 
 
 class SignalLayout:
-    """S linear signals of one payload, which may consist of several frames.
+    """Decoder and encoder of S linear signals of one payload, of one or several frames.
 
     Each signal is read by gathering the eight bytes that start at its least significant one, so
     that decoding takes a few numpy calls for any number of signals.
 
     placed: signals, each with the first byte of its frame; size: bytes of the payload; factors:
     from each signal's unit to SI (S values, default 1).
-    Raises LayoutError for a signal that is too long, or a float that does not start on a byte.
+    Raises LayoutError for a signal that is too long, does not fit or has a scale of 0, or a float
+    that does not start on a byte.
     """
 
     def __init__(

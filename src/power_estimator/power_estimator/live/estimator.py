@@ -142,7 +142,10 @@ class EffectStream(WindowStream):
 def stream_of(
     model: PowerModel, drives: Sequence[str], rate: float
 ) -> NetworkStream | WindowStream:
-    """Return the model as a stream of samples at this rate; InputError if it cannot be one."""
+    """Return an evaluator of the model that takes its samples block by block; rate: Hz.
+
+    InputError for a model whose memory of earlier samples cannot be carried between blocks.
+    """
     if isinstance(model, PowerPredictionNetwork):
         return NetworkStream(model, drives, rate)
     if isinstance(model, EffectModel):
@@ -246,7 +249,7 @@ class LiveConfig(CheckedFields):
 
 @dataclass(frozen=True)
 class LiveSample:
-    """One sample of D drives at the model's rate."""
+    """Mean signals of D drives in one bin of 1/rate s, as they enter a live estimate."""
 
     stamp: int  # ns, of the newest joint state in it
     signals: Floats  # in SI units [S, D]

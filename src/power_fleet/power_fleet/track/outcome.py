@@ -65,7 +65,7 @@ class Tracked:
 
     @property
     def alarms(self) -> list[str]:
-        """Sentences on what certainly changed, one or more for each change."""
+        """Certain changes in words: one text of one or more sentences for each."""
         tracked = {self._unmodelled(finding) for finding in self.result.findings}
         first = [
             f'{drive}: {one.course}. {one.cause}'

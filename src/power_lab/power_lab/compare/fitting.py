@@ -98,7 +98,7 @@ def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:
     """Parse names of effects separated by commas or spaces: `shaft,copper_loss idle`.
 
     Errors of the measurement may be named but are left out, as every fit has them. InputError for
-    an unknown or repeated name.
+    an unknown or repeated name, and where no effect of the drive is named.
     """
     names = ' '.join(texts).replace(',', ' ').split()
     if not names:

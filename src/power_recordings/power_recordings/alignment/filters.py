@@ -81,9 +81,10 @@ def _cutoff(window: int, rate: float) -> float:
 
 
 def centred(values: NDArray[Any], taps: Floats) -> Singles:
-    """Filter values [N, …] along time where all taps have samples: [N − len(taps) + 1, …].
+    """Filter values [N, …] along time with an odd number of symmetric taps.
 
-    A NaN affects only the outputs whose taps cover it.
+    Return [N − len(taps) + 1, …]: only the times for which all taps have samples. A NaN affects
+    only the outputs whose taps cover it.
     """
     half = len(taps) // 2
     if not half:
