@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from power_recordings.alignment.stream import Stream
 from synthetic_walk import aligned, seconds, spans, wave
+from wattwalk_core.errors import InputError
 
 Make = Callable[..., Any]
 ANTIALIAS_HALF = 0.0195  # s: 39 taps at 1 kHz
@@ -88,6 +89,17 @@ def test_a_sample_apart_stays_apart_where_it_is_bad() -> None:
     found = Stream.of(time, values, bad, apart)
     assert found.time.tolist() == [1, 2, 4, 5, 6, 7]
     assert (found.starts.tolist(), found.stops.tolist()) == ([0, 2], [2, 6])
+    none = Stream.of(time, values, np.ones(8, np.bool_))
+    assert (len(none.starts), len(none.stops)) == (0, 0)
+
+
+def test_drives_that_are_never_read_together_are_refused_in_words(
+    walk: Make, tmp_path: Path
+) -> None:
+    sketch = walk(2.0)
+    sketch.current[::2, 0] = sketch.current[1::2, 2] = np.nan
+    with pytest.raises(InputError, match='drive_supply'):
+        aligned(sketch, tmp_path)
 
 
 def test_bad_samples_of_a_drive_that_is_not_wanted_do_not_matter(

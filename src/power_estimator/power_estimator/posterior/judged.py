@@ -8,7 +8,8 @@ import numpy as np
 from scipy.special import expit, logit, logsumexp, ndtr
 from wattwalk_core.arrays import Floats
 
-from power_estimator.effects import Catalogue
+from power_estimator.effects import Catalogue, Effect, Signals
+from power_estimator.effects.effect import Shape
 from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
@@ -102,16 +103,14 @@ def judged_effects(
         for effect in catalogue.physics()
         if effect.name not in names and effect.fixed is None
         if effect.proposed is None or effect.proposed(signals)
-        for shape in effect.tried_on(signals)
-        # Iron loss whose current heats the winding is friction by another name.
-        if not shape.get('carried')
+        for shape in _shapes(effect, signals)
     ]
     other_shapes = [
         Active.of(active.effect, shape)
         for active in known
         if active.effect.fixed is None
-        for shape in active.effect.tried_on(signals)
-        if shape != active.parameters and not shape.get('carried')
+        for shape in _shapes(active.effect, signals)
+        if shape != active.parameters
     ]
     search = EffectSearch(prepared, known, [*other_shapes, *lacking], base, show)
     chosen = search.run()
@@ -131,6 +130,14 @@ def judged_effects(
     any_missing = _any_missing(search, candidates, added, left)
     scales = _scales(search, meters, in_set)
     return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
+
+
+def _shapes(effect: Effect, signals: Signals) -> list[Shape]:
+    """Shapes of an effect that are searched.
+
+    Iron loss whose current heats the winding is friction by another name.
+    """
+    return [shape for shape in effect.tried_on(signals) if not shape.get('carried')]
 
 
 def _candidates(

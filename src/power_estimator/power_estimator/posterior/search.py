@@ -130,8 +130,7 @@ class EffectSearch:
     def settled(self, chosen: Chosen) -> list[Point]:
         """Points of a set for all meters; those that were not searched are fitted now."""
         own = [self.actives[i] for i in sorted(chosen)]
-        fitted = [one.point for one in self.at(chosen)]
-        known = dict(zip(self.searched, fitted, strict=True))
+        known = dict(zip(self.searched, (one.point for one in self.at(chosen)), strict=True))
 
         def point(d: int) -> Point:
             if d in known:
@@ -282,24 +281,19 @@ class EffectSearch:
         Beside these come the best of the problem without departures: of a friction that stands in
         for another they take over what is left. And the best other shape of a known effect.
         """
-        neighbours = self._neighbours(chosen)
-        here = self.made, self._normals
-        found = self._best_of(neighbours, chosen)
-        self.made, self._normals = self._plain
-        plain = self._best_of(neighbours, chosen)
-        self.made, self._normals = here
-        known = [each for each in found if self._new_name(each, chosen) in self.known]
-        new, apart = (
-            [each for each in some if self._new_name(each, chosen) not in self.known]
-            for some in (found, plain)
-        )
-        return list(dict.fromkeys([*new[:TRIED], *apart[:TRIED], *known[:1]]))
+        tried: list[Chosen] = []
+        for plain in (False, True):
+            best = self._best_of(chosen, plain=plain)
+            new = [each for each in best if self._new_name(each, chosen) not in self.known]
+            tried += new[:TRIED]
+            tried += [] if plain else [each for each in best if each not in new][:1]
+        return list(dict.fromkeys(tried))
 
-    def _best_of(self, sets: Sequence[Chosen], chosen: Chosen) -> list[Chosen]:
-        """Best set of each kind of step as screened, the best kind first."""
+    def _best_of(self, chosen: Chosen, *, plain: bool) -> list[Chosen]:
+        """Best neighbour of each kind of step as screened, the best kind first."""
         have = self.names_of(chosen)
         best: dict[object, tuple[float, Chosen]] = {}
-        for each, score in self.screened(sets, chosen).items():
+        for each, score in self.screened(self._neighbours(chosen), chosen, plain=plain).items():
             new, grown = self._new_name(each, chosen), len(each) > len(chosen)
             kind = (new, new in have if grown or new in have else each if not new else None)
             best[kind] = max(best.get(kind, (-np.inf, each)), (score, each))
@@ -354,12 +348,18 @@ class EffectSearch:
             best[self.names[new]] = max(last or (-np.inf, new, each), (score, new, each))
         return best
 
-    def screened(self, sets: Sequence[Chosen], chosen: Chosen) -> dict[Chosen, float]:
-        """Log posteriors of sets linearised about the current points, which are of chosen."""
+    def screened(
+        self, sets: Sequence[Chosen], chosen: Chosen, *, plain: bool = False
+    ) -> dict[Chosen, float]:
+        """Log posteriors of sets linearised about the current points, which are of chosen.
+
+        plain: about no effects at all, so without departures.
+        """
+        made = self._plain[0] if plain else self.made
         every = tuple(dict.fromkeys((*sets, chosen)))
 
         def evidences(m: int) -> Floats:
-            meter, columns = self.meters[m], self.made[m]
+            meter, columns = self.meters[m], made[m]
             slices = [columns.places(active) for active in self.actives]
             count = columns.effects.shape[1]
             nuisances = np.arange(count, count + columns.nuisance.shape[1])
@@ -371,7 +371,7 @@ class EffectSearch:
                 spread[: len(own)] = LINEAR_SIZE
                 return by_delay(normals.taken(kept, meter.place), spread)[:, 0]
 
-            normals = self.normals_of(m)
+            normals = self._plain[1][m] if plain else self.normals_of(m)
             first = at(chosen, normals)
             likely = normals.at(first > first.max() - _LIKELY)
             return np.array([at(each, likely).max() for each in every])

@@ -129,11 +129,12 @@ def _by_share(search: EffectSearch, chosen: Chosen, name: str, other: str) -> fl
     if search.underneath or name not in SHARES or other not in SHARES:
         return 0.0
     actives = [search.actives[i] for i in chosen]
-    place = sum(len(a.effect.terms) for a in actives[: [a.name for a in actives].index(name)])
+    own = [active.name for active in actives].index(name)
+    place = sum(len(active.effect.terms) for active in actives[:own])
     total = 0.0
     for m, columns in enumerate(search.made):
-        found, watts = search.linearised(m, actives), columns.watts
-        unit = watts[columns.places(next(a for a in actives if a.name == name))][0]
+        found = search.linearised(m, actives)
+        unit = columns.watts[columns.places(actives[own])][0]
         # What is left without the prior of sets that are screened.
         shown = 1.0 / found.covariance[place, place] - LINEAR_SIZE**-2.0
         if shown > _LEAST_SHOWN:

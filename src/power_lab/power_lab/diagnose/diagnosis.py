@@ -184,21 +184,22 @@ def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects,
 
     Return what is left of the names, and the held-out errors with these.
     """
+    best = fits.added(found.named, 3) if found.named else fits.base
     while named := found.named:
-        best = fits.added(named, 3)
         chance = chance_w2(best, fits.fitter.prepared)
 
         def error(one: Evidence, chance: Floats = chance) -> Floats:
             return np.sqrt(np.maximum(one.mean_mse - chance, 0.0))
 
-        rises = {}
-        for active in named:
-            less = fits.added([one for one in named if one is not active], 3)
-            rises[active.name] = np.nanmax(error(less) - (1.0 + LEAST_FALL) * error(best))
-        worst = min(rises, key=lambda name: float(rises[name]))
+        less = {a.name: fits.added([one for one in named if one is not a], 3) for a in named}
+        rises = {
+            name: float(np.nanmax(error(one) - (1.0 + LEAST_FALL) * error(best)))
+            for name, one in less.items()
+        }
+        worst = min(rises, key=lambda name: rises[name])
         if rises[worst] > 0.0:
             return found, best
-        found = found.doubting(worst)
+        found, best = found.doubting(worst), less[worst]
     return found, fits.base
 
 

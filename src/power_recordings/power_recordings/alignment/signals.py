@@ -260,6 +260,12 @@ class SignalCollector:
             )
 
     def _must_overlap(self, joints: Stream, electrics: Stream | None) -> None:
+        for topic, stream in (('joint_states', joints), ('drive_supply', electrics)):
+            if stream is not None and not len(stream.time):
+                raise InputError(
+                    f'{self._path}: {topic} has no sample that is good of all drives '
+                    f'({", ".join(self._names)}); take one of them with --drives'
+                )
         if electrics is None:
             return
         if electrics.time[0] >= joints.time[-1] or joints.time[0] >= electrics.time[-1]:

@@ -32,15 +32,14 @@ class Stream:
         """Build a stream of at least two samples; `bad` and `apart` [N] default to none."""
         steps = np.diff(time)
         period, longest = float(np.median(steps)), longest_step(steps)
-        begins = np.zeros(len(time), np.bool_) if apart is None else apart.copy()
-        if bad is not None and bad.any():
-            groups = np.cumsum(np.concatenate([[True], ~bad[:-1]])) - 1  # up to each good one
-            begins = np.bincount(groups, begins, minlength=groups[-1] + 1)[groups[~bad]] > 0
-            time, values = time[~bad], values[~bad]
-        begins[:1] = True
-        begins[1:] |= np.diff(time) > longest
+        good = np.flatnonzero(np.ones(len(time), np.bool_) if bad is None else ~bad)
+        begins = np.ones(len(good), np.bool_)
+        begins[1:] = np.diff(time[good]) > longest
+        if apart is not None:
+            following = np.searchsorted(good, np.flatnonzero(apart))  # good ones at or after these
+            begins[following[following < len(good)]] = True
         starts = np.flatnonzero(begins)
-        return cls(time, values, period, starts, np.append(starts[1:], len(time)))
+        return cls(time[good], values[good], period, starts, np.append(starts, len(good))[1:])
 
     def half(self, rate: float) -> int:
         """Return how many samples each end of a run loses to the filter for `rate` Hz."""
