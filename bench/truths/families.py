@@ -134,6 +134,8 @@ class Family:
         own |= {'cross_talk': 0.06}
         whole = _typical(self.scale) | {'rub': own['position_rub'], 'fan': own['fan']}
         whole |= {'cross_talk': own['cross_talk'], 'rub_angle': 0.05} | dict(self.change(random))
+        # Its own stream, so that plants of a seed stay as they are.
+        whole['cogging_order'] = float(random.spawn(1)[0].choice(_COGS))
         spread = {name: random.lognormal(0.0, self.spread) for name in _SPREAD}
         made = []
         for _ in range(drives):
@@ -152,6 +154,7 @@ class Family:
         return plant.only(frozenset(exists)).stronger(hidden, strength)
 
 
+_COGS = (18, 24, 36, 42, 60, 72, 84, 90, 126, 144)  # multiples of usual slots and poles
 _SPREAD = (
     *('torque_constant', 'resistance', 'inertia', 'coulomb', 'stribeck', 'viscous', 'iron'),
     *('idle', 'line', 'load_friction', 'device_drop', 'winding_capacity', 'stiffness'),

@@ -8,6 +8,7 @@ from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.orders import ErrorsByPosition, errors_by_position
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import MeterProblem, Point
@@ -154,6 +155,22 @@ def fit_set(
 def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
     """Return whether a set has no new effect, so that there is one size of such."""
     return all(active.name in known for active in actives)
+
+
+def errors_beside(meter: MeterProblem, known: Sequence[Active]) -> list[ErrorsByPosition]:
+    """Return what effects leave of a meter's power, by the position of its drives."""
+    if not meter.used.any():
+        return []
+    place = meter.place
+    point = settle(meter, known, known, [active.name for active in known])
+    meter.learn_noise(meter.columns(known, point), [active.name for active in known])
+    meter.place = place
+    assert meter.noise is not None
+    rows, weights = meter.noise.rows, meter.noise.root
+    slope = meter.prepared.reduced(meter.slope(point))
+    slope[rows] *= weights
+    error = meter.noise.left * weights[:, 0]
+    return errors_by_position(meter.prepared, rows, error, slope)
 
 
 def settle(

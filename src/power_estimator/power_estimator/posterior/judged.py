@@ -1,5 +1,6 @@
 """Judgement of prepared signals by the posterior: probabilities, scales, and what is left."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -12,13 +13,16 @@ from power_estimator.effects import Catalogue, Effect, Signals
 from power_estimator.effects.effect import Shape
 from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
+from power_estimator.effects.fit.orders import PERIODIC, Orders, orders_of
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
+from power_estimator.posterior.fitted_set import errors_beside
+from power_estimator.posterior.meter import MeterProblem, meter_problems
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import DOUBTED, NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import Chosen, EffectSearch
+from power_estimator.posterior.search import Chosen, EffectSearch, representatives
 from power_estimator.posterior.sensors import SCALES, spreads
 from power_estimator.posterior.stand_ins import InSet, judged_set, ratio_of
 from power_estimator.posterior.summary import MeterSummary, rms, summarised
@@ -98,21 +102,33 @@ def judged_effects(
     prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
     signals = prepared.signals
     names = {active.name.partition('@')[0] for active in known}
+    fixed = [active for active in known if active.effect.fixed is not None]
+    free = [active for active in known if active.effect.fixed is None]
+    problems = meter_problems(prepared, fixed, base)
+    cogs = any(one.name == PERIODIC and one.tried_on(signals) for one in catalogue.physics())
+    orders = _orders(problems, free) if cogs else Orders()
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
         if effect.name not in names and effect.fixed is None
         if effect.proposed is None or effect.proposed(signals)
-        for shape in _shapes(effect, signals)
+        for shape in _shapes(effect, signals, orders)
     ]
     other_shapes = [
         Active.of(active.effect, shape)
-        for active in known
-        if active.effect.fixed is None
-        for shape in _shapes(active.effect, signals)
+        for active in free
+        for shape in _shapes(active.effect, signals, orders)
         if shape != active.parameters
     ]
-    search = EffectSearch(prepared, known, [*other_shapes, *lacking], base, show)
+    search = EffectSearch(
+        signals,
+        problems,
+        free,
+        [*other_shapes, *lacking],
+        {PERIODIC: orders.tried},
+        underneath=base is not None,
+        show=show,
+    )
     chosen = search.run()
     points = search.settled(chosen)
     taken = [search.actives[i] for i in sorted(chosen)]
@@ -132,11 +148,21 @@ def judged_effects(
     return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
 
 
-def _shapes(effect: Effect, signals: Signals) -> list[Shape]:
+def _orders(meters: Sequence[MeterProblem], known: Sequence[Active]) -> Orders:
+    """Orders of cogging that a model may lack, or may have in another order."""
+    own = [active for active in known if active.name.partition('@')[0] != PERIODIC]
+    searched = [meters[d] for d in representatives(meters)]
+    errors = for_each(lambda m: errors_beside(searched[m], own), range(len(searched)))
+    return orders_of(list(itertools.chain(*errors)))
+
+
+def _shapes(effect: Effect, signals: Signals, orders: Orders) -> list[Shape]:
     """Shapes of an effect that are searched.
 
     Iron loss whose current heats the winding is friction by another name.
     """
+    if effect.name.partition('@')[0] == PERIODIC:
+        return orders.shapes(effect, signals)
     return [shape for shape in effect.tried_on(signals) if not shape.get('carried')]
 
 

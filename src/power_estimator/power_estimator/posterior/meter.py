@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
+from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower, Structure, weighted
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
@@ -45,6 +46,7 @@ class Noise:
 
     variance: float  # W²
     rows: NDArray[np.intp]  # [K] that count
+    left: Floats  # W [K], that no column explains
     root: Floats  # of their weights, 1/W [K, 1]
     absent: Sequence[object]  # keys of effects, by column of what may be absent
     standing: Standing  # these columns, and the discrepancy
@@ -70,9 +72,17 @@ class MeterProblem:
 
     def drawn(self, point: Point) -> Floats:
         """Power that the drive draws by the effects of a point, W [T, D]."""
+        return self._signals_at(point).drawn
+
+    def slope(self, point: Point) -> Floats:
+        """Derivative of a point's power by the motor's torque, W/(N·m) [T, D]."""
+        s = self._signals_at(point)
+        return s.motor_velocity + s.torque_cost
+
+    def _signals_at(self, point: Point) -> Signals:
         structure = Structure((*self.fixed, *(active for active, _ in point.values())))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
-        return self.builder.point(structure, values[None]).signals.drawn
+        return self.builder.point(structure, values[None]).signals
 
     def share_bus(self, drawn: Floats) -> None:
         """Take what the other drives draw, W [T, D], as their part of the bus."""
@@ -278,7 +288,7 @@ class MeterProblem:
         spike = SPIKE / np.sqrt([counts[terms[i].name] for i in new])
         absent = columns.effects[:, new][rows] * (spike * root)
         standing = Standing.of(self._general_w[rows] * root, power * root, absent)
-        self.noise = Noise(variance, rows, root, [terms[i].key for i in new], standing)
+        self.noise = Noise(variance, rows, left, root, [terms[i].key for i in new], standing)
 
     def _overlapping(self) -> float:
         """Rows whose windows overlap, of a slow meter; 1 of all others."""
@@ -318,6 +328,18 @@ class MeterProblem:
         bent, absent = columns.bent.shape[1], len(columns.absent_places)
         general = self.noise.standing.turn @ weights[bent + absent :]
         return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
+
+
+def meter_problems(
+    prepared: Prepared, fixed: Sequence[Active], base: BasePower | None
+) -> list[MeterProblem]:
+    """Return a problem for each meter."""
+    count = len(prepared.names)
+    if count == 1:
+        return [MeterProblem(prepared, fixed, base)]
+    return for_each(
+        lambda d: MeterProblem(prepared.drive(d), fixed, base and base.drive(d)), range(count)
+    )
 
 
 def _friction_at_one(

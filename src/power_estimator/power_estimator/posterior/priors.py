@@ -52,7 +52,6 @@ KINDS: Final[Mapping[str, str]] = {
     'coulomb_friction': 'friction',
     'stribeck_friction': 'friction',
     'load_friction': 'friction',
-    'cogging': 'friction',
     'copper_loss': 'copper',
     'inverter_loss': 'copper',
     'winding_heating': 'copper',
@@ -65,6 +64,7 @@ KINDS: Final[Mapping[str, str]] = {
     'regeneration_limit': 'bus',
     'rotor_inertia': 'motion',
     'spring': 'motion',
+    'cogging': 'cogging',
 }
 DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
     'friction': {
@@ -93,6 +93,7 @@ DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
     'idle': {'speed': 0.02, 'load': 0.02, 'time': 0.05},
     'bus': {'speed': 0.1, 'load': 0.1, 'direction': 0.1, 'quadrant': 0.1},
     'motion': {'speed': 0.05, 'load': 0.05, 'direction': 0.05, 'quadrant': 0.05},
+    'cogging': {'speed': 0.05, 'load': 0.1, 'direction': 0.05, 'quadrant': 0.05},
     'shaft': {'load': 0.01, 'direction': 0.01, 'quadrant': 0.01},
     'other': {'speed': 0.1, 'load': 0.1, 'direction': 0.1, 'quadrant': 0.1, 'time': 0.05},
 }

@@ -1,16 +1,16 @@
 """Search of the sets of effects that a model may miss, and their probabilities."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy.special import logit, logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.drive_types import assign, infer_types
+from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import for_each
-from power_estimator.effects.fit.design import Active, BasePower
-from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
@@ -36,40 +36,37 @@ class EffectSearch:
 
     def __init__(
         self,
-        prepared: Prepared,
+        signals: Signals,
+        problems: Sequence[MeterProblem],
         known: Sequence[Active],
         candidates: Sequence[Active],
-        base: BasePower | None = None,
+        tried: Mapping[str, float],
+        *,
+        underneath: bool = False,
         show: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """known: effects of the model; candidates: other shapes of these, and what it may lack.
+        """known: free effects of the model; candidates: their other shapes, and what it may lack.
 
-        show: what takes the number of sets that were fitted.
+        tried: number of shapes that an effect's candidates are the best of; underneath: whether
+        the model stands on another that may have any effect in it; show: what takes the number of
+        sets that were fitted.
         """
-        count = len(prepared.names)
-        alone = count == 1
-        fixed = [active for active in known if active.effect.fixed is not None]
-        free = [active for active in known if active.effect.fixed is None]
-
-        def problem(d: int) -> MeterProblem:
-            own = prepared if alone else prepared.drive(d)
-            return MeterProblem(own, fixed, base if base is None or alone else base.drive(d))
-
-        self.problems = for_each(problem, range(count))
+        count = len(problems)
+        self.problems = problems
         self.searched = representatives(self.problems)
         self.meters = [self.problems[d] for d in self.searched]
-        self.known = tuple(active.name for active in free)
-        self.actives = (*free, *candidates)
+        self.known = tuple(active.name for active in known)
+        self.actives = (*known, *candidates)
         self.names = [active.name for active in self.actives]
         expected = {
             active.name
             for active in candidates
-            if active.effect.shown_by(prepared.signals, active.parameters)
+            if active.effect.shown_by(signals, active.parameters)
         }
         self.prior = {name: prior_of(name, expected=name in expected) for name in self.names}
-        self.underneath = base is not None  # a model that may have any effect in it
-        self.shapes = {name: self.names.count(name) for name in self.names}
-        self.base: Chosen = tuple(range(len(free)))
+        self.underneath = underneath
+        self.shapes = {name: self.names.count(name) for name in self.names} | dict(tried)
+        self.base: Chosen = tuple(range(len(known)))
         self.points: list[Point] = [{} for _ in self.meters]
         self.judged: dict[Chosen, list[FittedSet]] = {}
         # Of many drives, those that are not searched are taken as they begin.

@@ -9,6 +9,7 @@ from power_estimator.effects.fit.candidate_screener import CandidateScreener, Sc
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.effects.fit.orders import PERIODIC, orders_of_fit
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.evidence import Evidence, Examiner
@@ -34,11 +35,16 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
         for effect in catalogue.physics()
         if effect.name not in known and (effect.fixed is None or fitter.builder.base is None)
     ]
-    return [
+    found = [
         Active.of(shared_by_size(effect, signals) if whole else effect, shape)
         for effect in effects
         for shape in effect.tried_on(signals)
     ]
+    if cogging := [active for active in found if active.name == PERIODIC]:
+        orders = orders_of_fit(fitter.fit(base, iterations=3))
+        effect = cogging[0].effect
+        found += [Active.of(effect, shape) for shape in orders.shapes(effect, signals)]
+    return list(dict.fromkeys(found))
 
 
 def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:

@@ -14,6 +14,7 @@ from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.orders import PERIODIC, orders_of_fit
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Item = TypeVar('Item')
@@ -312,6 +313,11 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     fixed = structure
     for name in options:
         fixed = fixed.without(name)
+    for cogging in (active for active in structure.actives if active.name == PERIODIC):
+        without = fitter.fit(structure.without(PERIODIC), iterations=3)
+        found = orders_of_fit(without).shapes(cogging.effect, signals)
+        each = (cogging, *(Active.of(cogging.effect, shape) for shape in found))
+        options[PERIODIC] = list(dict.fromkeys((*each, *options[PERIODIC])))
     screener = CandidateScreener(
         fitter, folds, fitter.fit(fixed, iterations=3), list(itertools.chain(*options.values()))
     )
