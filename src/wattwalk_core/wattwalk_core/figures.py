@@ -16,6 +16,8 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.pages.page import escape
 
+BLUE = {False: '#0072B2', True: '#56B4E9'}
+"""Blue of estimates and of our own measurement, on a light page and (True) on a dark one."""
 OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#999999')
 """Colours beside blue that the colour-blind tell apart."""
 _LIGHT = {'figure.facecolor': '#ffffff', 'axes.facecolor': '#ffffff', 'text.color': '#1a1a1a'}

@@ -102,7 +102,9 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
     f, magnitude, coherence = np.array(points).T
     error = magnitude * np.sqrt((1.0 - coherence) / (2.0 * count * coherence))
     error = np.hypot(error, magnitude * _aliased(reference, f, rate)) if fast else error
-    gains = np.array(_averaging(reference, f)) / _low_frequency_gain(f, magnitude, error)
+    if_means = np.sinc(f * reference.period)  # the reference's gain, and if its rows are samples
+    if_samples = if_means / np.sinc(f * reference.period / reference.rows)
+    gains = np.array([if_samples, if_means]) / _low_frequency_gain(f, magnitude, error)
     samples, means = gains * magnitude
     (first_cut, reach), (second_cut, further) = (
         _cutoff(f, gain * magnitude, gain * error, coherence) for gain in gains
@@ -115,12 +117,6 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
         cutoff=_both([first_cut, second_cut], max(reach, further)),
         reach=reach,
     )
-
-
-def _averaging(reference: Curve, frequency: Floats) -> tuple[Floats, Floats]:
-    """Return the reference's gain at frequencies [F] if its rows are samples, and if means."""
-    mean: Floats = np.sinc(frequency * reference.period)
-    return mean / np.sinc(frequency * reference.period / reference.rows), mean
 
 
 def _both(cutoffs: Sequence[IntervalEstimate | None], reach: float) -> IntervalEstimate | None:

@@ -25,42 +25,25 @@ from power_calibration.analyser.reference_fit import (
 )
 
 
-class SignalPair:
-    """Meter (ours) and reference with the same K channels, low-passed alike for `rate` Hz.
+def aliases(reference: Curve, clock: Clock, period: float, rate: float) -> Floats:
+    """Return the RMS [K] that sampling with a period, s, aliases into a band of `rate` Hz.
 
-    mean: width in s of an additional moving average on the meter's signals.
+    Taken from the reference [K], with a first-order filter at a third of the meter's rate; 0 for
+    a reference below 2.5 times that rate.
     """
-
-    def __init__(self, ours: Curve, reference: Curve, rate: float, mean: float = 0.0) -> None:
-        self.raw = reference
-        self._ours = ours.low_passed(rate, mean=mean)
-        self._reference = reference.low_passed(rate)
-        self._rate = rate
-
-    def fit(self, match: Match) -> ReferenceFit | None:
-        """Refine a match; None where under 3 s overlap."""
-        return fit_reference(self._ours, self._reference, match, self._rate)
-
-    def aliases(self, clock: Clock, period: float) -> Floats:
-        """Return the RMS [K] that sampling with a period, s, aliases into the band of the fit.
-
-        Taken from the reference, with a first-order filter at a third of the meter's rate; 0 for a
-        reference below 2.5 times that rate.
-        """
-        if self.raw.period > 0.4 * period:
-            return np.zeros(self.raw.runs[0][1].shape[1])
-        sampled = []
-        for time, _ in self.raw.runs:
-            first, last = clock.ours(time[[2, -3]])
-            stamps = first + period * np.arange(max(0, int((last - first) / period)))
-            if len(stamps) > 4:
-                sampled.append((stamps, self.raw.at(clock.reference(stamps))))
-        aliased = Curve(tuple(sampled), period).low_passed(self._rate)
-        runs = aliased.runs
-        both = np.concatenate([v - self._reference.at(clock.reference(t)) for t, v in runs])
-        both = both[np.isfinite(both).all(axis=1)]
-        rms: Floats = both.std(axis=0) / np.sqrt(1.0 + 3.0**2)
-        return rms
+    if reference.period > 0.4 * period:
+        return np.zeros(reference.runs[0][1].shape[1])
+    sampled = []
+    for time, _ in reference.runs:
+        first, last = clock.ours(time[[2, -3]])
+        stamps = first + period * np.arange(max(0, int((last - first) / period)))
+        if len(stamps) > 4:
+            sampled.append((stamps, reference.at(clock.reference(stamps))))
+    runs, smooth = Curve(tuple(sampled), period).low_passed(rate).runs, reference.low_passed(rate)
+    both = np.concatenate([v - smooth.at(clock.reference(t)) for t, v in runs])
+    both = both[np.isfinite(both).all(axis=1)]
+    rms: Floats = both.std(axis=0) / np.sqrt(1.0 + 3.0**2)
+    return rms
 
 
 def signal_curves(measured: MeasuredDrive, log: Log) -> tuple[list[str], Curve, Curve]:
@@ -117,9 +100,10 @@ def compare_with_analyser(
     period = measured.curve.period
     rate = min(_FIT_RATE, 0.5 * log.rate, 0.5 / period)
     ours, reference = (c.columns(slice(0, len(names))) for c in (ours, reference))
-    pair = SignalPair(ours, reference, rate)
+    smooth = reference.low_passed(rate)
     near = [m for m in found if m.correlation > found[0].correlation - _AMBIGUITY][:3]
-    fits = [(m, f) for m in near if (f := pair.fit(m)) is not None]
+    low = ours.low_passed(rate)
+    fits = [(m, f) for m in near if (f := fit_reference(low, smooth, m, rate)) is not None]
     if not fits:
         raise InputError(f'{log.path} and {measured.path} overlap by less than 3 s')
     fits.sort(key=lambda item: _noise(item[1]))
@@ -134,14 +118,15 @@ def compare_with_analyser(
         kind = row_kind(ours, reference, best.clock, log.period)
         width = f'{1e3 * log.period:.3g} ms'
         if kind == 'means':
-            best = SignalPair(ours, reference, rate, mean=log.period).fit(match) or best
+            mean = ours.low_passed(rate, mean=log.period)
+            best = fit_reference(mean, smooth, match, rate) or best
             notes.append(f'rows of the reference are means over their {width}')
         elif kind is None:
             notes.append(
                 f'the data cannot tell whether rows of the reference are samples or means over '
                 f'their {width}; taken as samples'
             )
-    allowed = with_aliases(best, pair.aliases(best.clock, period))
+    allowed = with_aliases(best, aliases(reference, best.clock, period, rate))
     channels = _channels(measured, log, names, allowed)
     progress('comparing power and bandwidth')
     error_rate = min(_ERROR_RATE, 0.5 * log.rate, 0.5 / period)
@@ -165,8 +150,6 @@ def compare_with_analyser(
         log=log,
         channels=channels,
         fit=allowed,
-        correlation=min(allowed.correlation),
-        overlap=allowed.seconds,
         ambiguous=ambiguous,
         row_kind=kind,
         before=before,

@@ -121,8 +121,6 @@ class AnalyserComparison:
     log: Log
     channels: dict[str, Channel]  # voltage, current
     fit: ReferenceFit
-    correlation: float
-    overlap: float  # s
     ambiguous: tuple[float, ...]  # s, other offsets that fit as well, from the one chosen
     row_kind: RowKind | None  # of the log, None if not known
     before: float  # W, RMS error of power as recorded
@@ -196,8 +194,8 @@ class AnalyserComparison:
             'bias_before_w': self.mean_before,
             'bias_after_w': self.mean_after,
             'error_rate_hz': self.error_rate,
-            'correlation': self.correlation,
-            'overlap_s': self.overlap,
+            'correlation': min(self.fit.correlation),
+            'overlap_s': self.fit.seconds,
             'blocks': self.fit.blocks,
             'rows_are_means': None if self.row_kind is None else self.row_kind == 'means',
             'bandwidth': bandwidth,

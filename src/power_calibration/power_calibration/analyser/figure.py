@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from wattwalk_core.arrays import Floats
-from wattwalk_core.figures import OTHERS, embedded, style
+from wattwalk_core.figures import BLUE, OTHERS, embedded, save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.analyser.comparison import AnalyserComparison
@@ -21,21 +21,16 @@ def rows(found: AnalyserComparison) -> list[tuple[str, str, str, str]]:
     table = []
     for name, channel in found.channels.items():
         table.append((f'{name} gain', *_texts(channel.gain, 5)))
-        unit = _UNITS[name]
-        if channel.fixed:
-            table.append((f'{name} offset [{unit}]', '0 (held)', '', ''))
-        else:
-            table.append((f'{name} offset [{unit}]', *_texts(channel.offset, 5)))
+        cells = ('0 (held)', '', '') if channel.fixed else _texts(channel.offset, 5)
+        table.append((f'{name} offset [{_UNITS[name]}]', *cells))
     offset = found.time_offset
     half = 0.5e6 * (offset.high - offset.low)
     table.append(('time offset [s]', f'{offset.value:.6f}', f'±{half:.1f} µs', ''))
     table.append(('drift of its clock [ppm]', *_texts(found.drift_ppm, 2)))
-    answer = found.response
-    if answer is not None:
-        if answer.cutoff is not None:
-            table.append(('our bandwidth, −3 dB [Hz]', *_texts(answer.cutoff, 0)))
-        else:
-            table.append(('our bandwidth, −3 dB [Hz]', f'none up to {answer.reach:.0f}', '', ''))
+    if (answer := found.response) is not None:
+        none = (f'none up to {answer.reach:.0f}', '', '')
+        cells = none if answer.cutoff is None else _texts(answer.cutoff, 0)
+        table.append(('our bandwidth, −3 dB [Hz]', *cells))
     return table
 
 
@@ -44,8 +39,8 @@ def calibration_sentences(found: AnalyserComparison) -> list[str]:
     text = [
         f'Error of power at {found.error_rate:.0f} Hz: {found.before:.3f} W RMS as recorded '
         f'(mean {found.mean_before:+.3f} W), {found.after:.3f} W calibrated '
-        f'(mean {found.mean_after:+.3f} W), over {found.overlap:.1f} s; '
-        f'correlation {found.correlation:.5f}.'
+        f'(mean {found.mean_after:+.3f} W), over {found.fit.seconds:.1f} s; '
+        f'correlation {min(found.fit.correlation):.5f}.'
     ]
     if found.loss is not None:
         lost = found.loss
@@ -66,7 +61,6 @@ def _texts(value: IntervalEstimate, digits: int) -> tuple[str, str, str]:
 
 
 _SHOWN = 0.5  # s
-_BLUE = {False: '#0072B2', True: '#56B4E9'}
 _ORANGE = OTHERS[0]
 
 
@@ -77,8 +71,8 @@ def draw_calibration(found: AnalyserComparison, *, dark: bool = False) -> Figure
         grid = figure.add_gridspec(3, 2, height_ratios=[1.5, 0.9, 1.2])
         top = figure.add_subplot(grid[0, :])
         below = figure.add_subplot(grid[1, :], sharex=top)
-        _traces(found, top, below, ink, _BLUE[dark])
-        _response(found, figure.add_subplot(grid[2, 0]), ink, _BLUE[dark])
+        _traces(found, top, below, ink, BLUE[dark])
+        _response(found, figure.add_subplot(grid[2, 0]), ink, BLUE[dark])
         _spectrum(found, figure.add_subplot(grid[2, 1]), ink)
     return figure
 
@@ -103,7 +97,7 @@ def _traces(found: AnalyserComparison, top: Axes, below: Axes, ink: str, blue: s
     top.plot(at, true[shown], color=ink, lw=1.8, label=f'analyser at {rate:.0f} Hz')
     top.plot(at, ours[shown, 1], color=blue, lw=1.5, ls=(0, (4, 1.5)), label='ours, calibrated')
     top.set_ylabel('power [W]')
-    title = f'{found.measured.drive}: our measurement and the analyser, {found.overlap:.0f} s'
+    title = f'{found.measured.drive}: our measurement and the analyser, {found.fit.seconds:.0f} s'
     top.set_title(title, loc='left', fontsize=11)
     low, high = top.get_ylim()
     top.set_ylim(low, high + 0.16 * (high - low))
@@ -192,8 +186,11 @@ def _spectrum(found: AnalyserComparison, axis: Axes, ink: str) -> None:
     axis.text(0.97, 0.95, label, transform=axis.transAxes, fontsize=8, ha='right', va='top')
 
 
-def write_calibration_page(path: Path, found: AnalyserComparison) -> None:
-    """Write an HTML page with errors, figure, table of corrections, and method."""
+def write_calibration(path: Path, found: AnalyserComparison) -> None:
+    """Write the figure or, for .html, a page with errors, figure, corrections, and method."""
+    if path.suffix != '.html':
+        save_figure(draw_calibration(found), path)
+        return
     page = Page(f'Calibration of {found.measured.drive}')
     page.add(f'<h1>{escape(page.title)}</h1>')
     for sentence in calibration_sentences(found):

@@ -138,9 +138,13 @@ def _columns(
     path: Path, names: Sequence[str], given: str
 ) -> tuple[dict[str, int], dict[str, float]]:
     """Return the column of each quantity, and the factor to SI units."""
-    heads = [_head(name) for name in names]
+    bare, units = zip(*map(_head, names), strict=True)
     places: dict[str, int] = {}
     scales: dict[str, float] = {}
+
+    def unit_scale(key: str) -> float:
+        return _SCALES[key].get(units[places[key]], 1.0)
+
     if given:
         for part in given.split(','):
             key, equals, value = part.strip().partition('=')
@@ -150,18 +154,16 @@ def _columns(
                     'power=NAME, each with *scale if need be'
                 )
             name, _, factor = value.partition('*')
-            places[key] = _place(path, names, name.strip())
-            scales[key] = _factor(part, factor) if factor else _unit(heads, places[key], key)
+            places[key] = _place(path, names, bare, name.strip())
+            scales[key] = _factor(part, factor) if factor else unit_scale(key)
         if 'time' not in places:
             raise InputError(f'--columns {given!r}: time is missing')
     else:
         for key, aliases in _ALIASES.items():
-            for alias in aliases:
-                found = [i for i, (name, _) in enumerate(heads) if name == alias]
-                if found:
-                    places[key] = found[0]
-                    scales[key] = _unit(heads, found[0], key)
-                    break
+            alias = next((alias for alias in aliases if alias in bare), None)
+            if alias is not None:
+                places[key] = bare.index(alias)
+                scales[key] = unit_scale(key)
     if 'time' not in places or len(places) < 2:
         raise InputError(
             f'{path}: which columns hold what? There are {", ".join(map(repr, names))}; say '
@@ -182,11 +184,6 @@ def _head(text: str) -> tuple[str, str]:
     return re.sub(r'[^a-zäöüµ]', '', name), unit
 
 
-def _unit(heads: Sequence[tuple[str, str]], place: int, key: str) -> float:
-    unit = heads[place][1] if place < len(heads) else ''
-    return _SCALES[key].get(unit, 1.0)
-
-
 def _factor(part: str, factor: str) -> float:
     try:
         value = float(factor)
@@ -197,12 +194,11 @@ def _factor(part: str, factor: str) -> float:
     return value
 
 
-def _place(path: Path, names: Sequence[str], name: str) -> int:
+def _place(path: Path, names: Sequence[str], bare: Sequence[str], name: str) -> int:
     if name in names:
         return names.index(name)
     if name.isdigit() and 1 <= int(name) <= len(names):
         return int(name) - 1
-    bare = [_head(text)[0] for text in names]
     if name.lower() in bare:
         return bare.index(name.lower())
     raise InputError(

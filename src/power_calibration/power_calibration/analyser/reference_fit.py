@@ -150,7 +150,7 @@ def fit_reference(ours: Curve, reference: Curve, match: Match, rate: float) -> R
     problem = _Problem.of(ours, reference, match, rate)
     if problem is None:
         return None
-    fixed = [False] * problem.channels
+    fixed = [False] * problem.values.shape[1]
     found = _solve(problem, match, fixed)
     for channel, level in enumerate(found.level):
         values = problem.values[:, channel]
@@ -170,10 +170,6 @@ class _Problem:
     rise: Curve
     bend: Curve
 
-    @property
-    def channels(self) -> int:
-        return self.values.shape[1]
-
     @classmethod
     def of(cls, ours: Curve, reference: Curve, match: Match, rate: float) -> '_Problem | None':
         clock = Clock(match.offset, match.drift, match.centre)
@@ -189,7 +185,7 @@ class _Problem:
 
 
 def with_aliases(found: ReferenceFit, aliases: Floats) -> ReferenceFit:
-    """Return the fit with intervals widened for aliases, RMS [K] as of `SignalPair.aliases`.
+    """Return the fit with intervals widened for aliases, RMS [K] as of `compare.aliases`.
 
     A motion that repeats in step with our samples aliases its fast harmonics onto the slow ones at
     a fixed phase, which no averaging removes: at worst a gain error of alias/spread and a time
@@ -211,7 +207,7 @@ def with_aliases(found: ReferenceFit, aliases: Floats) -> ReferenceFit:
 
 
 def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
-    channels = problem.channels
+    channels = problem.values.shape[1]
     centre = 0.5 * (problem.time[0] + problem.time[-1])
     clock = Clock(match.offset, match.drift, match.centre).centred_at(centre)
     weights = np.ones(channels)

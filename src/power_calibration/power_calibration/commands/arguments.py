@@ -4,10 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from wattwalk_core.command import Arguments, entry_point, own_arguments
-from wattwalk_core.console import (
-    PICTURES,
-    ending,
-)
+from wattwalk_core.console import PICTURES, ending
 from wattwalk_core.errors import InputError
 
 _CALIBRATE = """\

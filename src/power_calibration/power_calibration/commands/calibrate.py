@@ -9,7 +9,6 @@ from power_recordings.reading.bag_folder import check_recordings
 from power_recordings.reading.reader import Recording
 from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
-from wattwalk_core.figures import save_figure
 from wattwalk_core.files import together
 
 from power_calibration.analyser.compare import compare_with_analyser
@@ -18,9 +17,8 @@ from power_calibration.analyser.curve import MeasuredDrive
 from power_calibration.analyser.figure import (
     COLUMNS,
     calibration_sentences,
-    draw_calibration,
     rows,
-    write_calibration_page,
+    write_calibration,
 )
 from power_calibration.analyser.log import Log
 from power_recordings import calibration
@@ -46,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
             write_json(options.json, content)
             if options.report is not None:
                 show(f'drawing {options.report}')
-                _report(options.report, found)
+                write_calibration(options.report, found)
     _print(found)
     for path in (options.output, options.json, options.report):
         if path is not None:
@@ -94,13 +92,6 @@ def _save(
         **{key: round(content[key], 4) for key in ('rmse_before_w', 'rmse_after_w')},
     }
     calibration.save(options.output, {**kept, **fresh}, about)
-
-
-def _report(path: Path, found: AnalyserComparison) -> None:
-    if path.suffix == '.html':
-        write_calibration_page(path, found)
-    else:
-        save_figure(draw_calibration(found), path)
 
 
 def _print(found: AnalyserComparison) -> None:

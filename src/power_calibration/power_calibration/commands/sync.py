@@ -1,20 +1,17 @@
 """`ros2 run power_calibration sync`: agreement in time of electrical and joint streams."""
 
 import argparse
-from pathlib import Path
 
 from power_recordings.reading.bag_folder import check_recordings
 from power_recordings.reading.reader import Recording
 from wattwalk_core.console import output, print_table, progress, write_json
-from wattwalk_core.figures import save_figure
 
 from power_calibration.timing.figure import (
     DRIVE_COLUMNS,
     STREAM_COLUMNS,
-    draw_timing,
     drive_rows,
     stream_rows,
-    write_timing_page,
+    write_timing,
 )
 from power_calibration.timing.summary import MATTERS, Summary, summarise
 
@@ -27,7 +24,7 @@ def run(options: argparse.Namespace) -> None:
         write_json(options.json, found.json())
         if options.report is not None:
             show(f'drawing {options.report}')
-            _report(options.report, found)
+            write_timing(options.report, found)
     _print(found)
     for path in (options.json, options.report):
         if path is not None:
@@ -42,13 +39,6 @@ def run(options: argparse.Namespace) -> None:
         print(f'next: ros2 run power_calibration sync {options.recording} --report sync.html')
     else:
         print(f'next: ros2 run power_estimator train {options.recording} -o runs/first')
-
-
-def _report(path: Path, found: Summary) -> None:
-    if path.suffix == '.html':
-        write_timing_page(path, found)
-    else:
-        save_figure(draw_timing(found), path)
 
 
 def _print(found: Summary) -> None:

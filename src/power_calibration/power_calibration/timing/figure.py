@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from power_recordings.alignment.filters import SMOOTHING, gain, smoothing
 from wattwalk_core.arrays import Floats
-from wattwalk_core.figures import OTHERS, embedded, style
+from wattwalk_core.figures import BLUE, OTHERS, embedded, save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.timing.delay import SHIFTS, Delay
@@ -60,14 +60,13 @@ def _micro(seconds: float) -> str:
     return '–' if np.isnan(seconds) else f'{1e6 * seconds:.2f}'
 
 
-_BLUE = {False: '#0072B2', True: '#56B4E9'}
 _MOST_LINES = 12
 
 
 def draw_timing(found: Summary, *, dark: bool = False) -> Figure:
     """Draw errors, delays, step responses (else fits), jitter, clock and smoothing."""
     with style(dark) as ink:
-        blue = _BLUE[dark]
+        blue = BLUE[dark]
         figure = Figure(figsize=(9.6, 9.2), layout='constrained')
         axes = figure.subplots(3, 2)
         _cost(found, axes[0, 0], ink, blue)
@@ -98,13 +97,10 @@ def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     axis.plot([], [], color=blue, lw=0.8, label='each drive')
     axis.set_xlabel('shift of the electrical samples [ms]')
     watts = float(np.median([d.power for d in found.delays]))
-    other = axis.secondary_yaxis('right', functions=(_times(watts / 100), _times(100 / watts)))
+    scales = (lambda share: share * (watts / 100), lambda power: power * (100 / watts))
+    other = axis.secondary_yaxis('right', functions=scales)
     other.set_ylabel('[W], median drive')
     axis.legend(loc='upper center', frameon=False, fontsize=8)
-
-
-def _times(factor: float):  # type: ignore[no-untyped-def]
-    return lambda values: np.asarray(values) * factor
 
 
 def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
@@ -200,8 +196,11 @@ def _smoothing(axis: Axes, ink: str, blue: str) -> None:
     axis.legend(loc='upper right', frameon=False, fontsize=8)
 
 
-def write_timing_page(path: Path, found: Summary) -> None:
-    """Write an HTML page with verdict, figure and tables."""
+def write_timing(path: Path, found: Summary) -> None:
+    """Write the figure or, for .html, a page with verdict, figure and tables."""
+    if path.suffix != '.html':
+        save_figure(draw_timing(found), path)
+        return
     page = Page(f'Synchronisation of {found.recording}')
     page.add(f'<h1>{escape(page.title)}</h1>')
     page.text(found.verdict)

@@ -75,14 +75,8 @@ class ClockQuality(StampJitter):
 
 def stamp_qualities(recording: Recording) -> list[StampQuality]:
     """Return the quality of each stream with at least four samples."""
-    found = []
-    for topic in _TOPICS:
-        if not recording.has(topic):
-            continue
-        samples = getattr(recording, topic)()
-        if len(samples) >= 4:
-            found.append(_quality(topic, samples))
-    return found
+    there = {topic: getattr(recording, topic)() for topic in _TOPICS if recording.has(topic)}
+    return [_quality(topic, samples) for topic, samples in there.items() if len(samples) >= 4]
 
 
 def _quality(topic: str, samples: Samples) -> StampQuality:
@@ -155,8 +149,8 @@ class Summary:
             return None
         half = np.array([max(0.5 * (d.high - d.low), 1e-7) for d in known])
         weights = 1.0 / half**2
-        middle = float((weights * np.array([d.value for d in known])).sum() / weights.sum())
         values = np.array([d.value for d in known])
+        middle = float((weights * values).sum() / weights.sum())
         wide = float(1.0 / np.sqrt(weights.sum()))
         if len(known) > 1:
             wide = max(wide, 1.96 * float(values.std(ddof=1)))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from wattwalk_core.figures import OTHERS, save_figure, style
+from wattwalk_core.figures import BLUE, OTHERS, save_figure, style
 
 from power_estimator.evaluation.traces import Traces
 
@@ -20,13 +20,12 @@ LABELS = {
     'acceleration_squared': 'acceleration²',
     'plain': 'shaft + copper\nloss + idle',
 }
-_ESTIMATE = {False: '#0072B2', True: '#56B4E9'}  # by dark
 
 
 def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
     """Draw proxies, network and, where it was measured, the whole robot into a picture at path."""
     with style(dark) as ink:
-        blue = _ESTIMATE[dark]
+        blue = BLUE[dark]
         whole = traces.supply is not None and traces.robot is not None
         figure = Figure(figsize=(9, 8 if whole else 5.6), layout='constrained')
         axes = figure.subplots(3 if whole else 2, 1, sharex=True)
@@ -59,7 +58,7 @@ def draw_bars(
     models = table['models']
     types = list(dict.fromkeys(key for model in models for key in model['types']))
     with style(dark) as ink:
-        blue = _ESTIMATE[dark]
+        blue = BLUE[dark]
         figure = Figure(figsize=(max(9, 1.5 * len(models)), 4.4), layout='constrained')
         axis = figure.subplots()
         width = 0.8 / max(1, len(types))
