@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from power_recordings.messages import cdr
-from power_recordings.writing.writer import BagWriter, MessageBlock, Qos
+from power_recordings.writing.writer import BagWriter, MessageBlock
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from wattwalk_core.errors import InputError
@@ -34,7 +34,7 @@ def supply_messages(count: int) -> list[bytes]:
 def write_bag(path: Path, count: int = 2000, **options: object) -> BagWriter:
     with BagWriter(path, **options) as bag:  # type: ignore[arg-type]
         supply = bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY)
-        joints = bag.add_topic('/joint_states', cdr.JOINT_STATE, Qos('best_effort', depth=5))
+        joints = bag.add_topic('/joint_states', cdr.JOINT_STATE, 'best_effort')
         stamps = START + np.arange(count) * 1_000_000
         states = cdr.in_a_list(cdr.joint_state_block(stamps, NAMES, np.ones((count, 3))))
         for i, (message, state) in enumerate(zip(supply_messages(count), states, strict=True)):
@@ -91,7 +91,7 @@ def test_metadata_has_the_form_of_rosbag2_version_9(tmp_path: Path) -> None:
     assert supply['topic_metadata']['type'] == 'drive_power_msgs/msg/DriveSupply'
     assert joints['message_count'] == 1000
     profile = joints['topic_metadata']['offered_qos_profiles'][0]
-    assert (profile['reliability'], profile['depth']) == ('best_effort', 5)
+    assert (profile['reliability'], profile['depth']) == ('best_effort', 1000)
     # The hash that ROS 2 Jazzy itself advertises for sensor_msgs/msg/JointState.
     assert joints['topic_metadata']['type_description_hash'] == (
         'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'
@@ -274,14 +274,14 @@ def test_a_real_file_size_limit_leaves_a_readable_file(tmp_path: Path) -> None:
 def test_wrong_calls_are_answered_clearly(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'flush_period is 0'):
         BagWriter(tmp_path / 'walk', flush_period=0)
-    with pytest.raises(InputError, match="'loud'"):
-        Qos('loud')
     with BagWriter(tmp_path / 'walk') as bag:
         bag.add_topic('supply', cdr.BATTERY_STATE)
         with pytest.raises(InputError, match=r"'/supply' is in the bag already"):
             bag.add_topic('/supply', cdr.BATTERY_STATE)
         with pytest.raises(InputError, match=r'unknown message type .sensor_msgs/msg/Nonsense'):
             bag.add_topic('x', 'sensor_msgs/msg/Nonsense')
+        with pytest.raises(InputError, match="'loud'"):
+            bag.add_topic('x', cdr.BATTERY_STATE, 'loud')
         with pytest.raises(InputError, match='no topic 7'):
             bag.write(7, START, b'')
     with pytest.raises(RecordingError, match='closed'):

@@ -12,7 +12,20 @@ from power_recordings.messages.topics import KINDS
 _MOST = 20_000  # messages
 
 
-class TopicBuffer:
+class TopicCounter:
+    """Counts the messages of a topic and keeps the arrival of the newest."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.last: float | None = None
+
+    def take(self, cdr: bytes, now: float) -> None:
+        """Count a message that arrived at `now` [s]."""
+        self.count += 1
+        self.last = now
+
+
+class TopicBuffer(TopicCounter):
     """Keeps the CDR bytes of a topic's messages and decodes them when it is drained.
 
     count: messages so far; last: arrival of the newest, s on a steady clock; fault: error of the
@@ -21,19 +34,17 @@ class TopicBuffer:
 
     def __init__(self, topic: str) -> None:
         """topic: one of `power_recordings.messages.topics.KINDS`."""
+        super().__init__()
         self._kind = KINDS[topic]
         self._topic = Topic(topic, self._kind.type_name, 'cdr', '')
         self._columns = Columns(topic, self._kind.type_name, self._kind.paths)
         self._waiting: deque[bytes] = deque(maxlen=_MOST)
-        self.count = 0
-        self.last: float | None = None
         self.fault = ''
 
     def take(self, cdr: bytes, now: float) -> None:
         """Buffer a message that arrived at `now` [s]."""
+        super().take(cdr, now)
         self._waiting.append(cdr)
-        self.count += 1
-        self.last = now
 
     def drain(self) -> tuple[list[bytes], Samples | None]:
         """Return the bytes since the last call, and their samples if they can be decoded."""
@@ -52,16 +63,3 @@ class TopicBuffer:
         except InputError as error:
             self.fault = str(error)
             return raw, None
-
-
-class TopicCounter:
-    """Counts the messages of a topic and keeps the arrival of the newest."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.last: float | None = None
-
-    def take(self, cdr: object, now: float) -> None:
-        """Count a message that arrived at `now` [s]."""
-        self.count += 1
-        self.last = now

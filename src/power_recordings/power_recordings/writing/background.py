@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from wattwalk_core.worker import Worker
 
 from power_recordings.messages.cdr import DRIVE_SUPPLY, deserialize
-from power_recordings.writing.metadata import Qos
 from power_recordings.writing.writer import BagWriter
 
 _WAITING = 64 << 20  # bytes
@@ -85,8 +84,7 @@ class BackgroundRecorder(Worker):
     def __init__(self, bag: BagWriter, most_waiting: int = _WAITING):
         super().__init__('bag writer')
         self._bag = bag
-        self._types: dict[str, str] = {}
-        self._qos: dict[str, Qos] = {}
+        self._declared: dict[str, tuple[str, str]] = {}  # type and reliability
         self._topics: dict[str, int] = {}
         self._queue: deque[tuple[str, int, bytes]] = deque()
         self._most = most_waiting
@@ -110,8 +108,7 @@ class BackgroundRecorder(Worker):
 
     def declare(self, name: str, type_name: str, reliability: str = 'reliable') -> None:
         """Set type and reliability of a topic, before its first message."""
-        self._types[name] = type_name
-        self._qos[name] = Qos(reliability)
+        self._declared[name] = type_name, reliability
 
     def progress(self) -> RecordingProgress:
         """Return the progress now."""
@@ -178,8 +175,8 @@ class BackgroundRecorder(Worker):
         while self._queue:
             name, log_time_ns, cdr = self._queue[0]
             if name not in self._topics:
-                self._topics[name] = self._bag.add_topic(name, self._types[name], self._qos[name])
-            if self._types[name] == DRIVE_SUPPLY:
+                self._topics[name] = self._bag.add_topic(name, *self._declared[name])
+            if self._declared[name][0] == DRIVE_SUPPLY:
                 self.sequence.feed(cdr)
                 self._supply = self._supply or cdr
             self._bag.write(self._topics[name], log_time_ns, cdr)

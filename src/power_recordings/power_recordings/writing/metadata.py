@@ -6,65 +6,47 @@ from pathlib import Path
 from typing import Any
 
 from wattwalk_core.errors import InputError
-from wattwalk_core.yaml_file import dump_yaml
 
 from power_recordings.card import Card
 
 VERSION = 9
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-_CHOICES = {
-    'reliability': ('reliable', 'best_effort'),
-    'durability': ('volatile', 'transient_local'),
-    'history': ('keep_last', 'keep_all'),
-}
+_RELIABILITIES = ('reliable', 'best_effort')
 
 
-@dataclass(frozen=True)
-class Qos:
-    """QoS that a topic's publishers offered, for `ros2 bag play` to offer the same."""
+@dataclass
+class TopicSummary:
+    """One topic of a bag, and its number of messages.
 
+    reliability: that its publishers offered, for `ros2 bag play` to offer the same.
+    """
+
+    name: str
+    type_name: str
+    type_hash: str
     reliability: str = 'reliable'
-    durability: str = 'volatile'
-    history: str = 'keep_last'
-    depth: int = 1000
+    count: int = 0
 
     def __post_init__(self) -> None:
-        for field, choices in _CHOICES.items():
-            if getattr(self, field) not in choices:
-                raise InputError(
-                    f'QoS {field} is {getattr(self, field)!r}; it is one of {", ".join(choices)}'
-                )
-        if self.depth < 1:
-            raise InputError(f'QoS depth is {self.depth}; it must be at least 1')
+        if self.reliability not in _RELIABILITIES:
+            raise InputError(
+                f'QoS reliability is {self.reliability!r}; it is one of '
+                f'{", ".join(_RELIABILITIES)}'
+            )
 
     def profile(self) -> dict[str, Any]:
-        """Return the profile as a mapping with rosbag2's keys."""
+        """Return the QoS profile as a mapping with rosbag2's keys."""
         return {
-            'history': self.history,
-            'depth': self.depth,
+            'history': 'keep_last',
+            'depth': 1000,
             'reliability': self.reliability,
-            'durability': self.durability,
+            'durability': 'volatile',
             'deadline': _FOREVER,
             'lifespan': _FOREVER,
             'liveliness': 'automatic',
             'liveliness_lease_duration': _FOREVER,
             'avoid_ros_namespace_conventions': False,
         }
-
-    def dump(self) -> str:
-        """Return the profile as YAML for the metadata of an MCAP channel."""
-        return dump_yaml([self.profile()]).rstrip()
-
-
-@dataclass
-class TopicSummary:
-    """One topic of a bag, and its number of messages."""
-
-    name: str
-    type_name: str
-    type_hash: str
-    qos: Qos
-    count: int = 0
 
 
 def information(
@@ -86,7 +68,7 @@ def information(
                     'name': topic.name,
                     'type': topic.type_name,
                     'serialization_format': 'cdr',
-                    'offered_qos_profiles': [topic.qos.profile()],
+                    'offered_qos_profiles': [topic.profile()],
                     'type_description_hash': topic.type_hash,
                 },
                 'message_count': topic.count,

@@ -19,7 +19,7 @@ from wattwalk_core.files import RecordingError, advice, write_whole
 from wattwalk_core.yaml_file import dump_yaml
 
 from power_recordings.messages import cdr as messages
-from power_recordings.writing.metadata import Qos, TopicSummary, information
+from power_recordings.writing.metadata import TopicSummary, information
 
 _CHUNK_SIZE = 1 << 20
 _RESERVE = 4 << 20
@@ -36,21 +36,20 @@ class MessageBlock:
 
     def rows(self) -> Iterator[tuple[int, int, bytes]]:
         """Yield time, topic and bytes of each message."""
-        raw, size = self.messages.tobytes(), self.messages.shape[1]
-        for place, time in enumerate(self.times.tolist()):
-            yield time, self.topic, raw[place * size : (place + 1) * size]
+        for time, raw in zip(self.times.tolist(), messages.in_a_list(self.messages), strict=True):
+            yield time, self.topic, raw
 
 
 class _Spool:
     """Output of the MCAP writer that is not in the file yet."""
 
     def __init__(self) -> None:
-        self._parts: list[bytes] = []
+        self.parts: list[bytes] = []
         self._position = 0
 
     def write(self, data: bytes) -> int:
         if data:
-            self._parts.append(bytes(data))
+            self.parts.append(bytes(data))
             self._position += len(data)
         return len(data)
 
@@ -61,13 +60,9 @@ class _Spool:
         pass
 
     def take(self) -> bytes:
-        data = b''.join(self._parts)
-        self._parts.clear()
+        data = b''.join(self.parts)
+        self.parts.clear()
         return data
-
-    @property
-    def pending(self) -> bool:
-        return bool(self._parts)
 
 
 class _Output:
@@ -167,16 +162,16 @@ class BagWriter:
         """Bytes in the file so far."""
         return self._output.size
 
-    def add_topic(self, name: str, type_name: str, qos: Qos | None = None) -> int:
+    def add_topic(self, name: str, type_name: str, reliability: str = 'reliable') -> int:
         """Declare a topic and return its handle for `write`.
 
         A name without a leading slash is taken to be in the root namespace.
-        Raises InputError for an unknown type or a topic that is there already.
+        Raises InputError for an unknown type or reliability or a topic that is there already.
         """
         self._must_be_open()
         name = name if name.startswith('/') else f'/{name}'
         type_name = messages.full_name(type_name)
-        summary = TopicSummary(name, type_name, messages.type_hash(type_name), qos or Qos())
+        summary = TopicSummary(name, type_name, messages.type_hash(type_name), reliability)
         if name in self.counts:
             raise InputError(f'topic {name!r} is in the bag already')
         if type_name not in self._schemas:
@@ -186,7 +181,10 @@ class BagWriter:
             name,
             'cdr',
             self._schemas[type_name],
-            {'offered_qos_profiles': summary.qos.dump(), 'topic_type_hash': summary.type_hash},
+            {
+                'offered_qos_profiles': dump_yaml([summary.profile()]).rstrip(),
+                'topic_type_hash': summary.type_hash,
+            },
         )
         self._topics[topic] = summary
         return topic
@@ -209,7 +207,7 @@ class BagWriter:
         self._mcap.add_message(topic, time, cdr, time)
         if abs(time - self._chunk_start) >= self._period:
             self.flush()
-        elif self._spool.pending:
+        elif self._spool.parts:
             self._save()
 
     def write_blocks(self, blocks: Sequence[MessageBlock]) -> None:
