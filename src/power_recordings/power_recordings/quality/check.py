@@ -2,16 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Floats, Singles, Stamps
 
 from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
 from power_recordings.quality.findings import (
     Finding,
+    Severity,
     clock_findings,
     computed_findings,
     constant_voltage,
@@ -144,14 +145,7 @@ class _Checker:
             names = tuple(dict.fromkeys([*names, *self._electric.names]))
         self.names = names
 
-    def _find(
-        self,
-        code: str,
-        severity: Literal['error', 'warning'],
-        drive: str,
-        text: str,
-        mend: str = '',
-    ) -> None:
+    def _find(self, code: str, severity: Severity, drive: str, text: str, mend: str = '') -> None:
         self.findings.append(Finding(code, severity, drive, text, mend))
 
     def drive(self, name: str) -> DriveQuality:
@@ -163,9 +157,8 @@ class _Checker:
         balance = self._power(name, power, torque, velocity) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
-            self._find(
-                'coverage', 'warning', name, f'visits {cells:.0%} of its torque–speed range only'
-            )
+            text = f'visits {cells:.0%} of its torque–speed range only'
+            self._find('coverage', 'warning', name, text)
         return DriveQuality(
             rate,
             np.nan if balance is None else balance.slope,
@@ -191,23 +184,15 @@ class _Checker:
         for quantity, values in (('velocity', velocity), ('torque', torque)):
             share = clipped(values.astype(np.float32))
             if share > _CLIPPED:
-                self._find(
-                    'clipped',
-                    'warning',
-                    name,
-                    f'{quantity} stands at an extreme value in {share:.0%} of samples: clipped?',
-                )
+                text = f'{quantity} stands at an extreme value in {share:.0%} of samples: clipped?'
+                self._find('clipped', 'warning', name, text)
         speed = np.nan_to_num(np.abs(velocity))
         moving = speed > max(0.2 * float(np.percentile(speed, 95)), 1e-6)
         for quantity, values in (('position', position), ('torque', torque)):
             stuck = frozen(joints.stamp_ns, values.astype(np.float32), moving)
             if stuck > _FROZEN and np.nanmax(values) > np.nanmin(values):
-                self._find(
-                    'frozen',
-                    'warning',
-                    name,
-                    f'{quantity} is constant for {stuck:.1f} s in motion',
-                )
+                text = f'{quantity} is constant for {stuck:.1f} s in motion'
+                self._find('frozen', 'warning', name, text)
         return time, position, velocity, torque
 
     def _electrics(self, name: str, time: Floats, velocity: Floats) -> tuple[float, Floats]:
@@ -221,25 +206,12 @@ class _Checker:
             largest = float(np.nanmax(np.abs(values), initial=0.0))
             if largest > most:
                 unit = quantity[0].upper().replace('C', 'A')
-                self._find(
-                    'units',
-                    'error',
-                    name,
-                    f'{quantity} reaches {largest:.4g} {unit}: m{unit}?',
-                    f'{quantity}: {{unit: m{unit}}}',
-                )
+                text = f'{quantity} reaches {largest:.4g} {unit}: m{unit}?'
+                self._find('units', 'error', name, text, f'{quantity}: {{unit: m{unit}}}')
         power = electric.power[:, column]
         if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
             self.findings.append(volts)
-        rate = float(updates(electric.stamp_ns, power[:, None])[0])
-        if rate < LEAST_UPDATES:
-            self._find(
-                'slow_power',
-                'error',
-                name,
-                f'its power changes {rate:.3g} times a second; a model of a joint needs '
-                f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)',
-            )
+        rate = self._updates(electric.stamp_ns, power, name, 'its', ' of a joint')
         share = clipped(electric.current[:, column])
         if share > _CLIPPED:
             self._find('clipped', 'warning', name, f'current is clipped in {share:.0%} of samples')
@@ -249,12 +221,21 @@ class _Checker:
             moving = speed > 0.2 * np.percentile(speed, 95)
             stuck = frozen(electric.stamp_ns, power, moving & (speed > 0))
             if stuck > _FROZEN and rate >= LEAST_UPDATES:
-                self._find(
-                    'frozen', 'warning', name, f'its power is constant for {stuck:.1f} s in motion'
-                )
-            at = self._joints.stamp_ns
-            return rate, values_at(electric.stamp_ns, power, at)
+                text = f'its power is constant for {stuck:.1f} s in motion'
+                self._find('frozen', 'warning', name, text)
+            return rate, values_at(electric.stamp_ns, power, self._joints.stamp_ns)
         return rate, np.full(len(time), np.nan)
+
+    def _updates(self, stamps: Stamps, power: Singles, drive: str, whose: str, of: str) -> float:
+        """Rate of updates of a power [N], which is an error of `drive` where it is too low."""
+        rate = float(updates(stamps, power[:, None])[0])
+        if rate < LEAST_UPDATES:
+            text = (
+                f'{whose} power changes {rate:.3g} times a second; a model{of} needs '
+                f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)'
+            )
+            self._find('slow_power', 'error', drive, text)
+        return rate
 
     def _velocity(self, name: str, time: Floats, position: Floats, velocity: Floats) -> float:
         card = self._recording.card
@@ -276,16 +257,14 @@ class _Checker:
     ) -> physics.ShaftBalance | None:
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
-            self._find(
-                'torque_unrelated',
-                'warning',
-                name,
+            text = (
                 f'torque × speed and torque² explain {max(share, 0.0):.0%} of its power: this is '
                 'not the torque that draws it (the effort of a spring at the output, say), or '
                 "the drive bears no load; take the motor's or the winding's current, if the log "
-                'has it',
-                'torque: {from: …, unit: A, at: motor}',
+                'has it'
             )
+            mend = 'torque: {from: …, unit: A, at: motor}'
+            self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity)
         if self._recording.card.torque_unit.get(name) != 'A':
             self._balance(name, balance)
@@ -311,22 +290,10 @@ class _Checker:
         if (joints := self._joints) is not None:
             worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
         if mean < 0 and worked > _GENERATES * mean:
-            self._find(
-                'supply_sign',
-                'error',
-                '',
-                f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current',
-                'supply: {current: {positive: fed}}',
-            )
-        rate = float(updates(supply.stamp_ns, supply.power[:, None])[0])
-        if self._electric is None and rate < LEAST_UPDATES:
-            self._find(
-                'slow_power',
-                'error',
-                '',
-                f"the robot's power changes {rate:.3g} times a second; a model needs "
-                f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)',
-            )
+            text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
+            self._find('supply_sign', 'error', '', text, 'supply: {current: {positive: fed}}')
+        if self._electric is None:
+            self._updates(supply.stamp_ns, supply.power, '', "the robot's", '')
         return self._line(supply)
 
     def robot(self) -> physics.ShaftBalance | None:

@@ -12,6 +12,8 @@ from power_recordings.quality.physics import ShaftBalance
 from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
+Severity = Literal['error', 'warning']
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -22,7 +24,7 @@ class Finding:
     """
 
     code: str
-    severity: Literal['error', 'warning']
+    severity: Severity
     drive: str
     text: str
     mend: str = ''
