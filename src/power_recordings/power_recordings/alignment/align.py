@@ -1,7 +1,7 @@
 """Alignment of recordings on one time grid, for all that uses measured signals."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from wattwalk_core.errors import InputError
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.alignment.filters import antialias, centred, smoothing
 from power_recordings.alignment.signals import RecordedSignals, SignalCollector
-from power_recordings.alignment.stream import Stream
+from power_recordings.alignment.stream import Stream, held
 from power_recordings.reading.reader import Recording
 
 _FEWEST = 4
@@ -40,7 +40,7 @@ def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
     notes = (f'{source.path}: {left_out} operating points with NaN left out',) if left_out else ()
     kept = {name: values[rows] for name, values in found.items()}
     notes = (*(f'{source.path}: {note}' for note in source.notes), *notes)
-    whole = _dataset(source, rate, [_Piece(np.arange(len(rows)) / rate, kept)], notes)
+    whole = _dataset(source, rate, [{'time': np.arange(len(rows)) / rate, **kept}], notes)
     return replace(whole, segment=np.arange(len(rows), dtype=np.int32), steady=True)
 
 
@@ -112,12 +112,10 @@ def load_aligned(
     """
     if not recordings:
         raise InputError('no recording given')
-    parts = []
-    for given in recordings:
-        recording = given if isinstance(given, Recording) else Recording.open(Path(given))
-        parts.append(
-            align(recording, rate=rate, smooth=smooth, drives=drives, need_power=need_power)
-        )
+    read = (one if isinstance(one, Recording) else Recording.open(Path(one)) for one in recordings)
+    parts = [
+        align(one, rate=rate, smooth=smooth, drives=drives, need_power=need_power) for one in read
+    ]
     return merge(parts)
 
 
@@ -201,14 +199,7 @@ def _joined(parts: Sequence[AlignedDataset], arrays: Sequence[Singles | None]) -
 
 
 _PARTS = (*DRIVE_SIGNALS, 'supply')
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A segment of the result."""
-
-    time: Floats  # s after the start of the source
-    signals: Mapping[str, Singles]
+_Piece = Mapping[str, NDArray[Any]]  # signals of a segment, and `time` in s after the start
 
 
 class _Segments:
@@ -231,11 +222,9 @@ class _Segments:
     def spans(self) -> list[tuple[float, float]]:
         """Return start and end [s] of the intervals in which all needed signals are known."""
         source = self._source
-        joints = source.joints.spans(GRID)
-        if source.electrics is None:
-            found = joints
-        else:
-            found = _common(joints, source.electrics.spans(GRID))
+        found = source.joints.spans(GRID)
+        if source.electrics is not None:
+            found = _common(found, source.electrics.spans(GRID))
         begin = -np.inf if source.commands is None else float(source.commands[0][0])
         return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
 
@@ -247,8 +236,9 @@ class _Segments:
             self._short += 1
             return []
         inner = slice(half, len(grid) - half, self._every)
-        held = {name: values[inner] for name, values in self._source.held(grid).items()}
-        result: dict[str, Singles] = dict(held)
+        result: dict[str, NDArray[Any]] = {'time': grid[inner]}
+        if self._source.cmd_vel is not None:
+            result['cmd_vel'] = held(*self._source.cmd_vel, grid)[inner]
         for name, values in self._source.sample(grid).items():
             if name == 'command' and not self._smooth:
                 result[name] = values[inner]
@@ -257,13 +247,13 @@ class _Segments:
         if 'orientation' in result:
             norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
             result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
-        return [_Piece(grid[inner], result)]
+        return [result]
 
     def notes(self, pieces: Sequence[_Piece]) -> list[str]:
         """Return notes on what was left out."""
         joints = self._source.joints.time
         whole = float(joints[-1] - joints[0])
-        kept = sum(float(piece.time[-1] - piece.time[0]) for piece in pieces)
+        kept = sum(float(np.ptp(piece['time'])) for piece in pieces)
         notes = list(self._source.notes)
         if self._short:
             notes.append(f'{self._short} stretches under {self.shortest:.2f} s left out')
@@ -303,12 +293,12 @@ def _common(a: Floats, b: Floats) -> Floats:
 def _dataset(
     source: RecordedSignals, rate: float, pieces: Sequence[_Piece], notes: tuple[str, ...]
 ) -> AlignedDataset:
-    sizes = [len(piece.time) for piece in pieces]
+    sizes = [len(piece['time']) for piece in pieces]
     arrays: dict[str, Any] = {
-        key: np.concatenate([piece.signals[key] for piece in pieces]) for key in pieces[0].signals
+        key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]
     }
     arrays['supply'] = arrays['supply'][:, 0]
-    time = np.concatenate([piece.time for piece in pieces]) + source.start_ns / 1e9
+    time = arrays.pop('time') + source.start_ns / 1e9
     return AlignedDataset(
         rate=rate,
         names=source.names,

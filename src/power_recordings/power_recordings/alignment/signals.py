@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,12 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.alignment.positions import is_rate, stands_still, unwrapped
 from power_recordings.alignment.stream import Stream, held
-from power_recordings.messages.samples import DriveSamples, Samples
+from power_recordings.messages.samples import DriveSamples, FootForceSamples, Samples
 from power_recordings.reading.ordering import longest_step
 from power_recordings.reading.reader import Recording
 
 _FEET = ('LF_FOOT', 'RF_FOOT', 'LH_FOOT', 'RH_FOOT')
 _QUANTITIES = {'position': 'position', 'velocity': 'velocity', 'effort': 'torque'}
-_JOINT_FIELDS = tuple(_QUANTITIES)
 _MOSTLY = 0.5
 _OFTEN = 0.2
 _MOST_RADIANS = 4 * np.pi
@@ -62,18 +62,10 @@ class RecordedSignals:
             electric[:, :, columns] = values(self.electrics, grid).reshape(len(grid), 4, there)
         for i, name in enumerate(('power', 'voltage', 'current', 'temperature')):
             result[name] = electric[:, i]
-        result['command'] = self._command(grid)
+        nothing = np.full((len(grid), count), np.nan, np.float32)
+        result['command'] = nothing if self.commands is None else held(*self.commands, grid)
         result['supply'] = np.full((len(grid), 1), np.nan, np.float32)
         return {**result, **{name: values(stream, grid) for name, stream in self.others.items()}}
-
-    def _command(self, grid: Floats) -> Singles:
-        if self.commands is None:
-            return np.full((len(grid), len(self.names)), np.nan, np.float32)
-        return held(*self.commands, grid)
-
-    def held(self, grid: Floats) -> dict[str, Singles]:
-        """Return `cmd_vel` [T, 3], if recorded, held (zero-order) at the times of a grid [T]."""
-        return {} if self.cmd_vel is None else {'cmd_vel': held(*self.cmd_vel, grid)}
 
 
 class SignalCollector:
@@ -151,12 +143,11 @@ class SignalCollector:
         columns = [joints.names.index(name) for name in self._names]
         bad = np.zeros(len(joints), np.bool_)
         parts = []
-        for name in _JOINT_FIELDS:
+        for name, quantity in _QUANTITIES.items():
             values = getattr(joints, name)[:, columns]
             nan = ~np.isfinite(values)
             unknown = nan.all(axis=0) if name == 'position' else np.zeros(len(columns), np.bool_)
             for drive, share in zip(self._names, nan.mean(axis=0) * ~unknown, strict=True):
-                quantity = _QUANTITIES[name]
                 if share == 1.0 and self._recording.card.lacks(drive, quantity):
                     raise InputError(
                         f'{path}: the map that it was imported by gives no {quantity} of {drive}'
@@ -291,15 +282,15 @@ class SignalCollector:
 
     def _others(self) -> dict[str, Stream]:
         r = self._recording
-        wanted: dict[str, tuple[str, Callable[[], Any]]] = {
-            'supply': ('supply', lambda: r.supply().power[:, None]),
-            'motor_current': ('motor_current', self._motor_current),
-            'foot_force': ('foot_force', self._foot_force),
-            'orientation': ('imu', lambda: _continuous(r.imu().orientation)),
-            'angular_velocity': ('imu', lambda: r.imu().angular_velocity),
-            'linear_acceleration': ('imu', lambda: r.imu().linear_acceleration),
-            'base_velocity': ('odom', lambda: r.odom().linear_velocity),
-            'base_position': ('odom', lambda: r.odom().position),
+        wanted: dict[str, tuple[str, Callable[[Any], Singles]]] = {
+            'supply': ('supply', lambda samples: samples.power[:, None]),
+            'motor_current': ('motor_current', lambda s: self._by_drive(s.names, s.current)),
+            'foot_force': ('foot_force', _force_by_foot),
+            'orientation': ('imu', lambda samples: _continuous(samples.orientation)),
+            'angular_velocity': ('imu', attrgetter('angular_velocity')),
+            'linear_acceleration': ('imu', attrgetter('linear_acceleration')),
+            'base_velocity': ('odom', attrgetter('linear_velocity')),
+            'base_position': ('odom', attrgetter('position')),
         }
         streams: dict[str, Stream] = {}
         for name, (topic, values) in wanted.items():
@@ -310,12 +301,8 @@ class SignalCollector:
                 self._notes.append(f'{topic}: only {len(samples)} samples of use, left out')
                 continue
             apart = np.isin(samples.stamp_ns, r.breaks(topic))
-            streams[name] = Stream.of(self._seconds(samples), values(), apart=apart)
+            streams[name] = Stream.of(self._seconds(samples), values(samples), apart=apart)
         return streams
-
-    def _motor_current(self) -> Singles:
-        samples = self._recording.motor_current()
-        return self._by_drive(samples.names, samples.current)
 
     def _by_drive(self, names: Sequence[str], values: Singles) -> Singles:
         """Return values [N, len(names)] in the order of the drives; NaN for those not named."""
@@ -325,11 +312,11 @@ class SignalCollector:
                 result[:, i] = values[:, names.index(name)]
         return result
 
-    def _foot_force(self) -> Singles:
-        samples = self._recording.foot_force()
-        if set(samples.names) != set(_FEET):
-            return samples.force
-        return samples.force[:, [samples.names.index(name) for name in _FEET]]
+
+def _force_by_foot(samples: FootForceSamples) -> Singles:
+    if set(samples.names) != set(_FEET):
+        return samples.force
+    return samples.force[:, [samples.names.index(name) for name in _FEET]]
 
 
 def _continuous(orientation: Singles) -> Singles:
