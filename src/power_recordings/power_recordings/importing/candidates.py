@@ -102,7 +102,7 @@ _VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)[uv](_|$)'))  # from here n
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
 _OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'temperature')
 _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
-_PLAIN: Final = {'winding': 'current', 'loss': 'power'}
+_PLAIN: Final = {'winding': 'current'}
 _STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
 _SIDES: Final = (
     r'[a-km-qs-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
@@ -176,16 +176,9 @@ def _candidate(item: Listed) -> CandidateColumn | None:
     unit = column.unit or unit_of(column.address)
     name = words(_stem(column.address) if '/' in unit else column.address)
     bracket = _BRACKETS.search(column.address)
-    fits = quantities_of(unit) if unit else ()
-    if bracket and bracket[1] in _OF_NO_SIZE:
-        fits = ('velocity',)
-    foreign = bool(
-        bracket
-        and not fits
-        and ':' not in column.address
-        and bracket[1]
-        and not bracket[1].isdigit()
-    )
+    said = bracket[1] if bracket else ''
+    fits = ('velocity',) if said in _OF_NO_SIZE else quantities_of(unit) if unit else ()
+    foreign = bool(said) and not fits and ':' not in column.address and not said.isdigit()
     by_name = (
         (i, q)
         for i, (q, rule) in enumerate(_RULES)

@@ -17,6 +17,7 @@ from power_recordings.importing.candidates import (
     candidates,
 )
 from power_recordings.importing.evidence import (
+    ByQuantity,
     Choice,
     choose,
     companion,
@@ -26,21 +27,10 @@ from power_recordings.importing.evidence import (
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
 from power_recordings.importing.time_guess import time_line, yaml_text
+from power_recordings.importing.units import SI
 from power_recordings.importing.words import words
 
-_GUESSED_UNIT: Final = {
-    'position': 'rad',
-    'command': 'rad',
-    'velocity': 'rad/s',
-    'torque': 'N*m',
-    'motor_current': 'A',
-    'voltage': 'V',
-    'current': 'A',
-    'power': 'W',
-    'efficiency': '1',
-    'loss': 'W',
-    'temperature': 'degC',
-}
+_GUESSED_UNIT: Final = {**SI, 'efficiency': '1'}
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
 _RADIANS: Final = 16 * np.pi  # that an angle without unit may reach before it counts as degrees
 _ODRIVE: Final = 'named as by an ODrive, which counts turns: check'
@@ -139,20 +129,14 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
 class _Drive:
     """The lines of one drive: its own columns, and those that no drive owns."""
 
-    def __init__(
-        self,
-        own: Mapping[str, list[CandidateColumn]],
-        shared: Mapping[str, list[CandidateColumn]],
-        in_turns: bool,
-        along: str,
-    ) -> None:
+    def __init__(self, own: ByQuantity, shared: ByQuantity, in_turns: bool, along: str) -> None:
         self._in_turns, self._along = in_turns, along
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
         own = _velocity_apart_from_voltage(own)
         self._own, self._shared = own, shared
-        self.choice: Choice | None = choose(dict(own))
+        self.choice: Choice | None = choose(own)
         winding = own.get('winding')
         if winding and not any({'current', 'power'} & set(part) for part in (own, shared)):
             amps = [replace(c, quantity='current') for c in winding]
@@ -166,7 +150,7 @@ class _Drive:
         if (choice := self.choice) is not None:
             taken |= {'torque': choice.torque, 'velocity': choice.velocity}
             parts = choice.meter.parts
-            if len(parts) == 1 and (pair := metered_pair(parts[0], dict(self._own))) is not None:
+            if len(parts) == 1 and (pair := metered_pair(parts[0], self._own)) is not None:
                 parts = pair.parts
             for quantity in ('power', 'current'):
                 taken.pop(quantity, None)
@@ -334,9 +318,7 @@ def _along(item: Listed) -> str:
     return _ALONG.format(yaml_text(item.column.address), _GROUND[found[1]])
 
 
-def _velocity_apart_from_voltage(
-    own: Mapping[str, list[CandidateColumn]],
-) -> Mapping[str, list[CandidateColumn]]:
+def _velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
     """Take a column called v for a velocity where a voltage has another name."""
     volts = own.get('voltage', [])
     v = next((c for c in volts if words(c.address) == 'v' and not c.unit), None)
@@ -378,7 +360,7 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
     return {'DRIVE_*': next(iter(stars.values()))} if same else dict(bodies)
 
 
-def _supply_lines(whole: Mapping[str, list[CandidateColumn]]) -> list[str]:
+def _supply_lines(whole: ByQuantity) -> list[str]:
     parts: list[str] = []
     note = ''
     for quantity, own in whole.items():

@@ -291,7 +291,6 @@ def _channel(
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
-    quantity = 'power' if quantity == 'loss' else quantity
     if signal.scale is None:
         if quantity == 'torque' and unit in ('A', 'mA'):
             base = conversion(unit, 'current')
@@ -307,7 +306,7 @@ def _stated(column: LogColumn, quantity: str) -> str:
     """The unit that the log itself states, where it fits the quantity."""
     unit = column.unit or unit_of(column.address)
     try:
-        conversion(unit, 'power' if quantity == 'loss' else quantity)
+        conversion(unit, quantity)
     except InputError:
         return ''
     return unit

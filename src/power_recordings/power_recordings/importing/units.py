@@ -1,77 +1,40 @@
 """Conversion of units by name, with pint."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, quoted
 
-if TYPE_CHECKING:
-    from pint import UnitRegistry  # slow to import
+from power_recordings.importing.words import spellings
 
+_EXAMPLES: Final = {
+    'position': 'rad, deg, rev',
+    'velocity': 'rad/s, deg/s, rev/s, rpm',
+    'torque': 'N·m, mN·m (of a current: scale and from_unit)',
+    'command': 'rad, deg, rev',
+    'voltage': 'V, mV',
+    'current': 'A, mA',
+    'motor_current': 'A, mA',
+    'power': 'W, kW',
+    'loss': 'W, kW',
+    'temperature': 'degC, K, degF',
+    'time': 's, ms, us, ns',
+}
+"""Units of each quantity for messages, that of a recording first."""
 SI: Final = {
-    'position': 'rad',
-    'velocity': 'rad/s',
-    'torque': 'N*m',
-    'command': 'rad',
-    'voltage': 'V',
-    'current': 'A',
-    'motor_current': 'A',
-    'power': 'W',
-    'temperature': 'degC',
-    'time': 's',
+    quantity: units.split(',')[0].replace('·', '*') for quantity, units in _EXAMPLES.items()
 }
 """The unit of each quantity in a recording."""
 
 _SHARES: Final = {'%': 0.01, 'percent': 0.01, 'pct': 0.01, '1': 1.0, '-': 1.0}
 """Units of an efficiency."""
 
-# Names and spellings that people write; pint does not know rev.
-_SPELLINGS: Final = {
-    'turn': ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r'),
-    'turn/s': ('rps', 'rev/s', 'revs/s', 'turns/s', 'r/s', 'Hz'),
-    'rad/s': ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹', 'radps'),
-    'rpm': (
-        *('RPM', 'Rpm', 'r.p.m.', 'rev/min', 'r/min', '1/min', 'U/min'),
-        *('min-1', 'min^-1', 'min⁻¹'),
-    ),
-    'krpm': ('kRPM', 'k rpm'),
-    'degC': (
-        *('°C', '℃', 'C', 'celsius', 'Celsius', 'degree_celsius'),
-        *('deg_C', 'deg C', 'Deg C', 'degc'),
-    ),
-    'degF': ('°F', 'F'),
-    'deg': ('°', 'degrees'),
-    'deg/s': ('°/s', 'dps', 'degrees/s', 'degps', 'deg/sec'),
-    's': ('sec', 'secs', 'seconds', 'Seconds'),
-    'ms': ('msec',),
-    'us': ('µs', 'μs', 'usec'),
-    'ns': ('nsec',),
-    'V': ('Volt', 'Volts', 'Vdc', 'VDC', 'V DC', 'Vrms', 'V rms'),
-    'mV': ('mv',),
-    'A': ('Amp', 'Amps', 'Ampere', 'Adc', 'ADC', 'A DC', 'Arms', 'A rms'),
-    'mA': ('ma',),
-    'W': ('Watt', 'Watts'),
-    'kW': ('kw',),
-}
-_ALIASES: Final = {spelling: unit for unit, own in _SPELLINGS.items() for spelling in own}
-# A force and a lever in either order, with whatever stands between: kgf.cm, in-lb, N·mm, ozin.
-_FORCES: Final = {
-    **{name: name for name in ('N', 'mN', 'cN', 'kN')},
-    **{name: 'N' for name in ('n', 'newton', 'Newton')},
-    **{name: 'kgf' for name in ('kg', 'kgf', 'kp')},
-    **{name: 'pond' for name in ('g', 'gf')},
-    **{name: 'lbf' for name in ('lb', 'lbs', 'lbf')},
-    **{name: 'ozf' for name in ('oz', 'ozf')},
-}
-_LEVERS: Final = {
-    **{name: name for name in ('m', 'cm', 'mm')},
-    **{name: 'm' for name in ('M', 'meter', 'metre')},
-    **{name: 'inch' for name in ('in', 'inch')},
-    **{name: 'foot' for name in ('ft', 'foot')},
-}
+# pint does not know rev. Torques are written as kgf.cm, in-lb, N·mm or ozin.
+_ALIASES, _FORCES, _LEVERS = map(spellings, ('units', 'forces', 'levers'))
 _FORCE, _LEVER = ('|'.join(sorted(own, key=len, reverse=True)) for own in (_FORCES, _LEVERS))
 _MOMENT: Final = re.compile(
     rf'(?P<force>{_FORCE})[ .·⋅*_-]?(?P<lever>{_LEVER})'
@@ -132,7 +95,7 @@ def conversion(unit: str, quantity: str) -> Conversion:
         return Conversion()
     import pint  # slow to import; SI does without
 
-    registry = _registry()
+    registry = pint.get_application_registry()
     try:
         if not _PLAIN.fullmatch(unit) or (quantity == 'torque' and _ENERGY.fullmatch(unit)):
             raise ValueError
@@ -141,17 +104,17 @@ def conversion(unit: str, quantity: str) -> Conversion:
     except pint.DimensionalityError:
         raise InputError(
             f'unit {quoted(unit)} is none of {quantity}; expected one such as '
-            f'{_examples(quantity)}'
+            f'{_EXAMPLES[quantity]}'
         ) from None
     except Exception:  # pint raises whatever its parser of expressions does
         raise InputError(
             f'unit {quoted(unit)} of {quantity} is not known; expected one such as '
-            f'{_examples(quantity)}'
+            f'{_EXAMPLES[quantity]}'
         ) from None
     if 'rad' in wanted and not angular:  # to pint a count is a radian, and 1/s is rad/s
         raise InputError(
             f'unit {quoted(unit)} of {quantity} does not say how large an angle is; expected one '
-            f'such as {_examples(quantity)}, or scale: RADIANS'
+            f'such as {_EXAMPLES[quantity]}, or scale: RADIANS'
         )
     return Conversion(float(one - zero), float(zero))
 
@@ -166,31 +129,7 @@ def quantities_of(unit: str) -> tuple[str, ...]:
     """Return the quantities that a unit can belong to; empty if the unit is unknown."""
     found = []
     for quantity in (*SI, 'efficiency'):
-        try:
+        with suppress(InputError):
             conversion(unit, quantity)
-        except InputError:
-            continue
-        found.append(quantity)
+            found.append(quantity)
     return tuple(found)
-
-
-@cache
-def _registry() -> 'UnitRegistry':
-    from pint import UnitRegistry  # slow to import
-
-    return UnitRegistry()
-
-
-def _examples(quantity: str) -> str:
-    return {
-        'position': 'rad, deg, rev',
-        'command': 'rad, deg, rev',
-        'velocity': 'rad/s, deg/s, rev/s, rpm',
-        'torque': 'N·m, mN·m (of a current: scale and from_unit)',
-        'voltage': 'V, mV',
-        'current': 'A, mA',
-        'motor_current': 'A, mA',
-        'power': 'W, kW',
-        'temperature': 'degC, K, degF',
-        'time': 's, ms, us, ns',
-    }[quantity]

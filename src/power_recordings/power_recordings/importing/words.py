@@ -1,7 +1,10 @@
 """Words in the name of a column, and what they say of it."""
 
 import re
+from pathlib import Path
 from typing import Final, Literal
+
+from wattwalk_core.yaml_file import read_yaml
 
 Kind = Literal['current', 'voltage', 'duty', 'energy', '']
 Axis = Literal['q', 'd', '']
@@ -17,23 +20,15 @@ _OF_UNIT: Final[dict[str, Kind]] = {
     **dict.fromkeys(('A', 'mA'), 'current'),
     **dict.fromkeys(('V', 'mV'), 'voltage'),
 }
-_OTHER_LANGUAGES: Final = {
-    **dict.fromkeys(('drehmoment', '扭矩', '转矩', '力矩'), 'torque'),
-    **dict.fromkeys(('drehzahl', '转速', '速度'), 'speed'),
-    **dict.fromkeys(('spannung', '电压'), 'voltage'),
-    **dict.fromkeys(('strom', '电流'), 'current'),
-    **dict.fromkeys(('leistung', '功率'), 'power'),
-    **dict.fromkeys(('wirkungsgrad', '效率'), 'efficiency'),
-    **dict.fromkeys(('zeitstempel', '时间戳'), 'timestamp'),
-    **dict.fromkeys(('datum', '日期'), 'date'),
-    **dict.fromkeys(('zeit', '时间'), 'time'),
-    **dict.fromkeys(('temperatur', '温度'), 'temp'),
-    **dict.fromkeys(('winkel', '角度', '位置'), 'angle'),
-    **dict.fromkeys(('电机', '马达'), 'motor'),
-    **dict.fromkeys(('输入', '母线'), 'input'),
-    **dict.fromkeys(('目标', '给定', '设定'), 'target'),
-}
-"""Words of German and Chinese benches, whose instruments name columns so."""
+_SPELLINGS: Final = read_yaml(Path(__file__).with_name('spellings.yaml'), 'spellings')
+
+
+def spellings(kind: str) -> dict[str, str]:
+    """Return what is meant by each spelling of a kind in `spellings.yaml`, such as `units`."""
+    return {spelling: meant for meant, own in _SPELLINGS[kind].items() for spelling in own}
+
+
+_OTHER_LANGUAGES: Final = spellings('words')
 _FOREIGN: Final = re.compile('|'.join(_OTHER_LANGUAGES))
 _AXIS: Final = re.compile(r'(^|_)[iuv]?([qd])(_|$)')
 
