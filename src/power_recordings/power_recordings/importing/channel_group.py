@@ -72,15 +72,15 @@ class _Buffer:
 
     width: int
     stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
-    values: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    values: Floats = field(init=False)
     longest: float = 0.0  # ns, of steps that are no gaps
 
+    def __post_init__(self) -> None:
+        self.values = np.zeros((0, self.width))
+
     def add(self, stamps: Stamps, values: Floats) -> None:
-        if not len(self.stamps):
-            self.stamps, self.values = stamps, values
-        else:
-            self.stamps = np.concatenate([self.stamps, stamps])
-            self.values = np.concatenate([self.values, values])
+        self.stamps = np.concatenate([self.stamps, stamps])
+        self.values = np.concatenate([self.values, values])
         if len(self.stamps) > 2:
             self.longest = 1e9 * longest_step(np.diff(self.stamps[:1000]) / 1e9)
 
@@ -118,7 +118,6 @@ class Merger:
     def __init__(self, widths: Sequence[int]) -> None:
         self._reference, *self._others = (_Buffer(width) for width in widths)
         self._all = [self._reference, *self._others]
-        self._done = [False] * len(widths)
 
     def add(self, stream: int, stamps: Stamps, values: Floats) -> None:
         """Add rows [N, K] of a stream, given by its index; stamps [N] in ns ascend."""
@@ -134,9 +133,8 @@ class Merger:
                 count = min(count, int(np.searchsorted(reference.stamps, last, side='right')))
         stamps, rows = reference.stamps[:count], reference.values[:count]
         reference.stamps, reference.values = reference.stamps[count:], reference.values[count:]
-        if not self._others or not count:
-            width = sum(buffer.width for buffer in self._all)
-            return stamps, rows if count else np.zeros((0, width))
+        if not count:
+            return stamps, np.zeros((0, sum(buffer.width for buffer in self._all)))
         merged = np.concatenate([rows, *(other.at(stamps) for other in self._others)], axis=1)
         for other in self._others:
             other.forget(int(stamps[-1]))

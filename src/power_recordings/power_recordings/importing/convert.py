@@ -24,7 +24,8 @@ from power_recordings.messages.topics import KINDS
 from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
 
 Messages = NDArray[np.uint8]
-Written = dict[str, tuple[Stamps, dict[tuple[str, str], Floats]]]
+Values = dict[tuple[str, str], Floats]  # [N] by drive and quantity
+Written = dict[str, tuple[Stamps, Values]]
 TOPICS = ('joint_states', 'motor_current', 'joint_commands', 'drive_supply', 'supply')
 
 _JOINT_FIELDS = {
@@ -70,9 +71,7 @@ class _Writer:
             [b for topic, (stamps, v) in parts.items() for b in self._encode(topic, stamps, v)]
         )
 
-    def _encode(
-        self, topic: str, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> list[MessageBlock]:
+    def _encode(self, topic: str, stamps: Stamps, values: Values) -> list[MessageBlock]:
         if not len(stamps):
             return []
         self.counts[topic] += len(stamps)
@@ -92,19 +91,11 @@ class _Writer:
             for start, stop, block in zip(edges, edges[1:], blocks, strict=False)
         ]
 
-    def _table(
-        self,
-        values: Mapping[tuple[str, str], Floats],
-        drives: Sequence[str],
-        quantity: str,
-        n: int,
-    ) -> Floats:
+    def _table(self, values: Values, drives: Sequence[str], quantity: str, n: int) -> Floats:
         empty = np.full(n, np.nan)
         return np.stack([values.get((drive, quantity), empty) for drive in drives], axis=1)
 
-    def _joints(
-        self, topic: str, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> Messages:
+    def _joints(self, topic: str, stamps: Stamps, values: Values) -> Messages:
         drives = self._of_joints[topic]
         position, velocity, effort = (
             self._table(values, drives, quantity, len(stamps)) if quantity else None
@@ -112,9 +103,7 @@ class _Writer:
         )
         return cdr.joint_state_block(stamps, drives, position, velocity, effort)
 
-    def _drive_supply(
-        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[Messages]]:
+    def _drive_supply(self, stamps: Stamps, values: Values) -> tuple[Stamps, list[Messages]]:
         count = len(stamps)
         volts = self._table(values, self.measured, 'voltage', count)
         amps = self._table(values, self.measured, 'current', count)
@@ -140,7 +129,7 @@ class _Writer:
         return stamps[:: self._per_message], blocks
 
     @staticmethod
-    def _supply(stamps: Stamps, values: dict[tuple[str, str], Floats]) -> Messages:
+    def _supply(stamps: Stamps, values: Values) -> Messages:
         volts = values.get(('', 'voltage'), np.full(len(stamps), 1.0))
         amps = values.get(('', 'current'))
         if amps is None:

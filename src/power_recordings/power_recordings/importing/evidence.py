@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Final, Literal
@@ -33,6 +33,7 @@ _MOVED: Final = 0.2  # share of the power's variance
 
 
 Turned = Literal['torque', 'power', '']
+ByQuantity = Mapping[str, list[CandidateColumn]]
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def si(candidate: CandidateColumn, unit: str = '') -> Floats:
         return candidate.values
 
 
-def choose(found: dict[str, list[CandidateColumn]]) -> Choice | None:
+def choose(found: ByQuantity) -> Choice | None:
     """Return torque, speed and power that fit together best, of a drive's candidates, or None."""
     torques, speeds = (found.get(q, [])[:_MOST] for q in ('torque', 'velocity'))
     torques = [t for t in torques if not t.held] or torques
@@ -98,7 +99,7 @@ def choose(found: dict[str, list[CandidateColumn]]) -> Choice | None:
     return best
 
 
-def _meters(found: dict[str, list[CandidateColumn]]) -> list[MeterColumns]:
+def _meters(found: ByQuantity) -> list[MeterColumns]:
     """Pairs of voltage and current of one name, and powers; those that are in both once."""
     volts, amps = found.get('voltage', []), found.get('current', [])
     pairs = [MeterColumns((v, i)) for i in amps[:_MOST] if (v := companion(i, volts)) is not None]
@@ -113,9 +114,7 @@ def companion(
     return min(volts, key=lambda v: (-_likeness(v.address, current.address), v.rank), default=None)
 
 
-def metered_pair(
-    power: CandidateColumn, found: dict[str, list[CandidateColumn]]
-) -> MeterColumns | None:
+def metered_pair(power: CandidateColumn, found: ByQuantity) -> MeterColumns | None:
     """Return the voltage and current whose product is a power, within 2 %; None if none."""
     p = si(power)
     for current in found.get('current', []):

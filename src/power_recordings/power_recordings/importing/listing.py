@@ -73,11 +73,8 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
     result = {}
     for address, arrays in parts.items():
         column, values = known[address], np.concatenate(arrays)
-        times = stamps.get(column.stream)
-        rate = np.nan
-        if times is not None:
-            steps = np.diff(np.concatenate(times)) / 1e9
-            rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else np.nan
+        steps = np.diff(np.concatenate(stamps.get(column.stream, [np.zeros(0)]))) / 1e9
+        rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else np.nan
         result[address] = _listed(column, values, rate)
     return result
 

@@ -24,37 +24,24 @@ _AGREES: Final = 0.05
 _NOT_DRAWN: Final = r'charged|regen|returned|batt|left|remain|capacity'  # in names of counters
 
 
-@dataclass(frozen=True)
-class PowerFormula:
-    """Power as factor · sum of products of columns, with the R² of the fit."""
-
-    terms: tuple[tuple[str, ...], ...]
-    factor: float
-    r2: float
-
-    @property
-    def text(self) -> str:
-        """The formula with its R²."""
-        inner = ' + '.join(' × '.join(term) for term in self.terms)
-        inner = f'{self.factor:g} × ({inner})' if self.factor != 1.0 else inner
-        return f'{inner} (R² {min(self.r2, 0.9999):.4f})'
-
-
 def recognise(
     power: Floats, columns: Mapping[str, Floats], meter: Sequence[str] = ()
-) -> PowerFormula | None:
+) -> str | None:
     """Return the formula by which a power [N] was computed from other columns [N], else None.
 
-    meter: the columns that the power is mapped from; their product does not count as a formula.
+    It is a factor times a sum of products of columns, with the R² of the fit. meter: the columns
+    that the power is mapped from; their product does not count as a formula.
     """
-    best: PowerFormula | None = None
+    best, highest = None, 0.0
     for terms in islice(_formulas(columns), _MOST):
         if all(set(term) <= set(meter) for term in terms):
             continue
         value = sum(np.prod([columns[name] for name in term], axis=0) for term in terms)
-        found = _fits(power, np.asarray(value, np.float64))
-        if found is not None and (best is None or found[1] > best.r2):
-            best = PowerFormula(terms, *found)
+        factor, r2 = _fits(power, np.asarray(value, np.float64)) or (0.0, 0.0)
+        if r2 > highest:
+            inner = ' + '.join(' × '.join(term) for term in terms)
+            inner = f'{factor:g} × ({inner})' if factor != 1.0 else inner
+            best, highest = f'{inner} (R² {min(r2, 0.9999):.4f})', r2
     return best
 
 
@@ -162,7 +149,7 @@ def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str]
         others = {name: v for name, v in columns.items() if len(v) == len(power)}
         found = recognise(power, others, made_of)
         if found is not None:
-            formulas[drive] = found.text
+            formulas[drive] = found
         seconds = _seconds(source, plan, others)
         if len(metered) == 1 and seconds is not None:
             energy = check_energy(seconds, power, others)

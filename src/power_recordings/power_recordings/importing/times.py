@@ -238,18 +238,16 @@ class LogClock:
 
     def notes(self) -> list[str]:
         """Return sentences on the rows that were left out or merged."""
-        found = []
-        if self.missing:
-            found.append(f'{self.missing} rows without a time left out')
-        if self.repeated:
-            found.append(
-                f'{self.repeated} rows with the time of the row before merged with it (mean)'
-            )
-        if self.late:
-            found.append(f'{self.late} rows older than the row before left out')
-        if self.parts > 1:
-            found.append(f'{self.parts} parts: time goes back in {self.parts - 1} places')
-        return found
+        back = max(self.parts - 1, 0)
+        counts = {
+            f'{self.missing} rows without a time left out': self.missing,
+            f'{self.repeated} rows with the time of the row before merged with it (mean)': (
+                self.repeated
+            ),
+            f'{self.late} rows older than the row before left out': self.late,
+            f'{self.parts} parts: time goes back in {back} places': back,
+        }
+        return [text for text, count in counts.items() if count]
 
     def nanoseconds(self, columns: Sequence[NDArray[Any]]) -> Stamps:
         """Return the sum of time columns [N], numbers or dates, in ns; −1 if one is missing."""

@@ -1,6 +1,6 @@
 """Messages of one topic in batches, whatever file they come from, and limits of what is read."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,6 +13,7 @@ ROOM: Final = 256 << 20  # bytes
 RATIO: Final = 200
 
 Integers = NDArray[np.int64]
+Skip = Callable[[Mapping[str, int]], bool] | None  # of a chunk, by its messages of each topic
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from rosbags.typesys import (
     get_typestore,
 )
 from rosbags.typesys.store import Typestore
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Floats, Stamps
 from wattwalk_core.errors import InputError
 
-from power_recordings.messages.cdr_layout import Layout
+from power_recordings.messages.cdr_layout import Bytes, Layout
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 BATTERY_STATE = 'sensor_msgs/msg/BatteryState'
@@ -143,8 +143,8 @@ def _field(desc: Any, value: Any) -> Any:
 
 
 def encode_block(
-    type_name: str, stamps_ns: NDArray[np.int64], columns: Mapping[str, ArrayLike], **constant: Any
-) -> NDArray[np.uint8]:
+    type_name: str, stamps_ns: Stamps, columns: Mapping[str, ArrayLike], **constant: Any
+) -> Bytes:
     """Encode N messages that differ in numbers only as CDR bytes, uint8 [N, size].
 
     stamps_ns [N]: of the headers. columns: values by dotted path of a field, [N] or [N, length].
@@ -162,20 +162,20 @@ def encode_block(
     return layout.encode(len(stamps), {**stamp, **columns})
 
 
-def in_a_list(*blocks: NDArray[np.uint8]) -> list[bytes]:
+def in_a_list(*blocks: Bytes) -> list[bytes]:
     """Return the messages of blocks [N, size] as one list of bytes, in order."""
     rows = ((block.tobytes(), block.shape[1]) for block in blocks)
     return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
 
 
 def joint_state_block(
-    stamps_ns: NDArray[np.int64],
+    stamps_ns: Stamps,
     names: Sequence[str],
     position: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
     effort: ArrayLike | None = None,
     frame_id: str = '',
-) -> NDArray[np.uint8]:
+) -> Bytes:
     """Encode N sensor_msgs/JointState of D joints as CDR bytes, uint8 [N, size].
 
     stamps_ns [N]; position rad, velocity rad/s, effort N·m [N, D]; None: an empty array. The type
@@ -191,7 +191,7 @@ def joint_state_block(
 
 
 def drive_supply_blocks(
-    stamps_ns: NDArray[np.int64],
+    stamps_ns: Stamps,
     sequence0: int,
     device_time: NDArray[np.uint64],
     names: Sequence[str],
@@ -201,7 +201,7 @@ def drive_supply_blocks(
     status: ArrayLike | None = None,
     samples_per_message: int = 1,
     frame_id: str = '',
-) -> list[NDArray[np.uint8]]:
+) -> list[Bytes]:
     """Encode N samples of D drives as ceil(N / samples_per_message) drive_power_msgs/DriveSupply.
 
     Returns a block uint8 [messages, size] of full messages and, for samples left over, a block
@@ -222,7 +222,7 @@ def drive_supply_blocks(
     if temperature is not None and np.size(temperature):
         celsius = np.broadcast_to(np.asarray(temperature, np.float32), shape)
     sequence = np.arange(sequence0, sequence0 + samples, dtype=np.uint64)
-    blocks: list[NDArray[np.uint8]] = []
+    blocks: list[Bytes] = []
     for rows, length in ((slice(whole), size), (slice(whole, None), samples - whole)):
         if not length:
             continue
@@ -248,9 +248,7 @@ def drive_supply_blocks(
     return blocks
 
 
-def battery_block(
-    stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike
-) -> NDArray[np.uint8]:
+def battery_block(stamps_ns: Stamps, voltage: ArrayLike, current: ArrayLike) -> Bytes:
     """Encode N sensor_msgs/BatteryState as uint8 [N, size]: V [N], A [N], negative if drawn."""
     unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
     return encode_block(
@@ -264,11 +262,8 @@ def battery_block(
 
 
 def imu_block(
-    stamps_ns: NDArray[np.int64],
-    orientation: Floats,
-    angular_velocity: Floats,
-    linear_acceleration: Floats,
-) -> NDArray[np.uint8]:
+    stamps_ns: Stamps, orientation: Floats, angular_velocity: Floats, linear_acceleration: Floats
+) -> Bytes:
     """Encode N sensor_msgs/Imu of `base`: quaternion x y z w [N, 4], rad/s and m/s² [N, 3]."""
     columns = {
         **_vector('orientation', 'xyzw', orientation),
@@ -279,12 +274,12 @@ def imu_block(
 
 
 def odometry_block(
-    stamps_ns: NDArray[np.int64],
+    stamps_ns: Stamps,
     position: Floats,
     orientation: Floats,
     linear_velocity: Floats,
     angular_velocity: Floats,
-) -> NDArray[np.uint8]:
+) -> Bytes:
     """Encode N nav_msgs/Odometry: pose in `odom`, twist in `base`.
 
     m, m/s and rad/s [N, 3]; quaternion x y z w [N, 4].
@@ -299,7 +294,7 @@ def odometry_block(
     return encode_block(ODOMETRY, stamps_ns, columns, **frames)
 
 
-def twist_block(stamps_ns: NDArray[np.int64], velocity: Floats) -> NDArray[np.uint8]:
+def twist_block(stamps_ns: Stamps, velocity: Floats) -> Bytes:
     """Encode N geometry_msgs/TwistStamped of `base`, [N, 3]: vx, vy m/s, yaw rate rad/s."""
     columns = {
         'twist.linear.x': velocity[:, 0],

@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.messages.batch import Batch, windows
 from power_recordings.messages.cdr import typestore
-from power_recordings.messages.cdr_layout import Layout
+from power_recordings.messages.cdr_layout import Bytes, Layout
 
 _MOST_LAYOUTS = 256  # of messages of one size
 
@@ -30,9 +30,7 @@ class MessageSorter:
         self._learn = learn
         self._layouts: dict[int, list[Layout]] = defaultdict(list)
 
-    def sort(
-        self, batch: Batch
-    ) -> Iterator[tuple[Layout | None, NDArray[np.intp], NDArray[np.uint8]]]:
+    def sort(self, batch: Batch) -> Iterator[tuple[Layout | None, NDArray[np.intp], Bytes]]:
         """Yield each layout with the indices [N] in the batch and bytes [N, size] of its messages.
 
         The layout of damaged messages is None. Raises TooManyLayoutsError.
@@ -115,7 +113,7 @@ class Columns:
         except TooManyLayoutsError:
             self._too_many_layouts = True
 
-    def _decode(self, layout: Layout, rows: NDArray[np.uint8], order: NDArray[np.int64]) -> None:
+    def _decode(self, layout: Layout, rows: Bytes, order: NDArray[np.int64]) -> None:
         seconds = layout.decode(rows, 'header.stamp.sec').astype(np.int64)
         stamp = seconds * 1_000_000_000 + layout.decode(rows, 'header.stamp.nanosec')
         columns = {path: layout.decode(rows, path) for path in self.paths}

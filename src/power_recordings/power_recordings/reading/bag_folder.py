@@ -2,7 +2,7 @@
 
 import re
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +13,9 @@ from wattwalk_core.errors import InputError, printable
 from wattwalk_core.files import reason, regular_size
 from wattwalk_core.yaml_file import read_yaml
 
-from power_recordings.messages.batch import Batch, Topic, joined
+from power_recordings.messages.batch import Batch, Skip, Topic, joined
 from power_recordings.reading.mcap_file import McapFile
+from power_recordings.reading.ros1_file import Ros1File
 
 _BLOCK: Final = 4096  # messages
 _LARGEST: Final = 256 << 20  # bytes of a message
@@ -107,11 +108,7 @@ class Bag:
         return self.files[0].suffix == '.db3'
 
     def batches(
-        self,
-        problems: list[str],
-        topics: dict[str, Topic],
-        skip: Callable[[Mapping[str, int]], bool] | None = None,
-        every: int = 1,
+        self, problems: list[str], topics: dict[str, Topic], skip: Skip = None, every: int = 1
     ) -> Iterator[Batch]:
         """Yield all messages; add to `problems` and to the declared `topics`.
 
@@ -119,9 +116,9 @@ class Bag:
         every: read only every n-th chunk of an MCAP file.
         """
         for path in self.files:
-            file: McapFile | SqliteFile
-            if self.is_sqlite:
-                file = SqliteFile(path)
+            file: McapFile | SqliteFile | Ros1File
+            if self.is_sqlite or path.suffix.lower() == '.bag':
+                file = SqliteFile(path) if self.is_sqlite else Ros1File(path)
                 yield from file.batches()
             else:
                 file = McapFile(path)

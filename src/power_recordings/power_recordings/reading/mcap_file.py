@@ -2,8 +2,9 @@
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 
 import lz4.frame
@@ -17,7 +18,16 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import regular_size
 
-from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Integers, Topic, windows
+from power_recordings.messages.batch import (
+    LARGEST,
+    RATIO,
+    ROOM,
+    Batch,
+    Integers,
+    Skip,
+    Topic,
+    windows,
+)
 
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')
@@ -64,9 +74,7 @@ class McapFile:
         if start != MAGIC[: len(start)]:
             raise InputError(f'{path} is not an MCAP file: it begins with {start!r}')
 
-    def batches(
-        self, skip: Callable[[Mapping[str, int]], bool] | None = None, every: int = 1
-    ) -> Iterator[Batch]:
+    def batches(self, skip: Skip = None, every: int = 1) -> Iterator[Batch]:
         """Yield the messages; damaged parts are left out and noted in `problems`.
 
         skip: returns whether to omit a chunk with an index, given its numbers of messages by
@@ -76,7 +84,7 @@ class McapFile:
         packed: bytes | None = None
         indices: list[bytes] = []
         loose: list[bytes] = []
-        for code, body in self._records(every):
+        for code, body in chain(self._records(every), [(Opcode.FOOTER, b'')]):
             if code == Opcode.MESSAGE_INDEX and packed is not None:
                 indices.append(body)
                 continue
@@ -89,13 +97,9 @@ class McapFile:
                 loose += (_RECORD.pack(code, len(body)), body)
             else:
                 self._declare(code, body)
-            if len(loose) >= _LOOSE:
+            if loose and (len(loose) >= _LOOSE or code == Opcode.FOOTER):
                 yield from self._batches(_Records(b''.join(loose)))
                 loose = []
-        if packed is not None:
-            yield from self._unpacked(packed, indices, skip)
-        if loose:
-            yield from self._batches(_Records(b''.join(loose)))
 
     def _problem(self, text: str) -> None:
         if len(self.problems) < _MOST_PROBLEMS:
@@ -119,9 +123,7 @@ class McapFile:
                     passed = chunks > _DECLARING and chunks % every != 0
                 most = _NEEDED.get(code, -1)
                 if passed and code in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
-                    file.seek(length, 1)
-                    position += length
-                    continue
+                    most = -1
                 if 0 <= most < length:
                     self._problem(f': a record of {length >> 20} MiB was left out')
                 if length > most:
@@ -150,12 +152,7 @@ class McapFile:
             name, text = self._schemas.get(record.schema_id, ('', ''))
             self.topics[record.id] = Topic(record.topic, name, record.message_encoding, text)
 
-    def _unpacked(
-        self,
-        body: bytes,
-        indices: Sequence[bytes],
-        skip: Callable[[Mapping[str, int]], bool] | None,
-    ) -> Iterator[Batch]:
+    def _unpacked(self, body: bytes, indices: Sequence[bytes], skip: Skip) -> Iterator[Batch]:
         if skip is not None and indices:
             counts = {int.from_bytes(i[:2], 'little'): (len(i) - 6) // 16 for i in indices}
             known = counts.keys() <= self.topics.keys()

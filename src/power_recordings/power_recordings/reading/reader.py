@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Stamps
 from wattwalk_core.errors import InputError, printable
 
 from power_recordings.card import FILE, Card
@@ -59,7 +59,7 @@ class Recording:
     end_ns: int
     problems: tuple[str, ...]
     _samples: Mapping[str, Samples]
-    _breaks: Mapping[str, NDArray[np.int64]]
+    _breaks: Mapping[str, Stamps]
     _errors: Mapping[str, InputError]
     _let_go: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # topics, with names
     _reread: bool = False  # its file has all of its samples
@@ -189,7 +189,7 @@ class Recording:
         """Return whether there are messages of a topic."""
         return name in self._samples or name in self._errors or name in self._let_go
 
-    def breaks(self, name: str) -> NDArray[np.int64]:
+    def breaks(self, name: str) -> Stamps:
         """Return stamps, ns [B], of a topic's samples directly after samples that were dropped."""
         return self._breaks[name]
 
@@ -323,11 +323,9 @@ class _Loader:
                     f'(fields {", ".join(field[0] for field in fields)})'
                 )
 
-    def samples(
-        self, problems: list[str]
-    ) -> tuple[dict[str, Samples], dict[str, NDArray[np.int64]]]:
+    def samples(self, problems: list[str]) -> tuple[dict[str, Samples], dict[str, Stamps]]:
         found: dict[str, Samples] = {}
-        breaks: dict[str, NDArray[np.int64]] = {}
+        breaks: dict[str, Stamps] = {}
         for short, name in self._found.items():
             columns = self._columns[name]
             if columns is None or short in self.errors:
@@ -346,7 +344,7 @@ class _Loader:
         return found, breaks
 
 
-def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, NDArray[np.int64]]:
+def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, Stamps]:
     """Return samples with ascending stamps, and stamps before which samples were cut out."""
     stamps = samples.stamp_ns
     if len(stamps) < 2 or (np.diff(stamps) > 0).all():

@@ -7,6 +7,7 @@ from pkgutil import resolve_name
 from typing import Final
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import reason
 
 from power_recordings.importing.sources.source import LogSource
 
@@ -40,10 +41,8 @@ def open_source(path: Path, messages: Path | None = None) -> LogSource:
     """
     try:
         mode = path.stat().st_mode
-    except OSError as error:
-        raise InputError(f'cannot read {path}: {error.strerror}') from None
-    except ValueError as error:
-        raise InputError(f'cannot read {path}: {error}') from None
+    except (OSError, ValueError) as error:
+        raise InputError(f'cannot read {path}: {reason(error)}') from None
     if stat.S_ISDIR(mode):
         return _open(_BAG, path, messages)
     if not stat.S_ISREG(mode):

@@ -1,7 +1,7 @@
 """ROS 1 bags and rosbag2 bags (MCAP, SQLite; folders and bare files), numbers by `topic:field`."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -13,19 +13,18 @@ from wattwalk_core.errors import InputError, printable
 from wattwalk_core.files import regular_size
 from wattwalk_core.yaml_file import read_text
 
-from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
-from power_recordings.messages.batch import Batch, Topic
+from power_recordings.importing.sources.source import LogBlock, LogColumn, LogSource, Progress
+from power_recordings.messages.batch import Batch, Skip, Topic
 from power_recordings.messages.cdr import fields_of, full_type, own_fields
 from power_recordings.messages.cdr_layout import Layout
 from power_recordings.messages.topic_columns import MessageSorter, TooManyLayoutsError
-from power_recordings.reading import bag_folder
-from power_recordings.reading.ros1_file import Ros1File
+from power_recordings.reading.bag_folder import Bag, find
 
 _MOST_COLUMNS: Final = 400  # of one topic that are listed
 _STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
 
-class BagFile:
+class BagFile(LogSource):
     """The topics of a bag, one stream each; a field is `topic:field.path[i]` or `…[name]`."""
 
     is_bag = True
@@ -33,9 +32,8 @@ class BagFile:
     def __init__(self, path: Path, messages: Path | None = None) -> None:
         self.path = path
         is_ros1 = path.suffix.lower() == '.bag' and not path.is_dir()
-        self._bag = Ros1File(path) if is_ros1 else bag_folder.find(path)
-        files = [path] if isinstance(self._bag, Ros1File) else self._bag.files
-        self.size = sum(regular_size(file, 'recording') for file in files)
+        self._bag = Bag(path, path.parent, (path,), None, ()) if is_ros1 else find(path)
+        self.size = sum(regular_size(file, 'recording') for file in self._bag.files)
         self.problems: list[str] = []
         self.counts: dict[str, int] = {}
         self._given = _given_types(messages)
@@ -162,14 +160,9 @@ class BagFile:
                 f'{self.path}: {printable(topic.name)}: a damaged message: {error}'
             ) from None
 
-    def _batches(self, skip: Callable[[Mapping[str, int]], bool] | None = None) -> Iterator[Batch]:
-        if isinstance(self._bag, Ros1File):
-            self._bag.problems.clear()
-            yield from self._bag.batches()
-            self.problems = list(self._bag.problems)
-        else:
-            self.problems = list(self._bag.problems)
-            yield from self._bag.batches(self.problems, {}, skip)
+    def _batches(self, skip: Skip = None) -> Iterator[Batch]:
+        self.problems = list(self._bag.problems)
+        yield from self._bag.batches(self.problems, {}, skip)
 
 
 def _given_types(folder: Path | None) -> dict[str, Any]:

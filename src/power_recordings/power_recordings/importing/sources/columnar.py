@@ -15,6 +15,7 @@ from power_recordings.importing.sources.source import (
     MOST_COLUMNS,
     LogBlock,
     LogColumn,
+    LogSource,
     Progress,
     check_room,
     reading,
@@ -22,14 +23,11 @@ from power_recordings.importing.sources.source import (
 )
 
 
-class ColumnarFile:
+class ColumnarFile(LogSource):
     """A table of columns, all in one stream; elements of fixed lists are `column.index`."""
 
-    is_bag = False
-
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.size = path.stat().st_size
+        super().__init__(path)
         self._is_parquet = path.suffix.lower() in ('.parquet', '.pq')
         self._rows: int | None = None
         with reading(path, 'table'):

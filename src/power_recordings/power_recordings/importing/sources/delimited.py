@@ -5,6 +5,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
@@ -22,7 +23,13 @@ from power_recordings.importing.sources.heads import (
     find_head,
     is_number,
 )
-from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
+from power_recordings.importing.sources.source import (
+    MOST_COLUMNS,
+    LogBlock,
+    LogColumn,
+    LogSource,
+    Progress,
+)
 
 _MARKS: Final = (
     (codecs.BOM_UTF8, 'utf8'),
@@ -87,14 +94,11 @@ class TableDialect:
     longest: int  # bytes of a line
 
 
-class DelimitedFile:
+class DelimitedFile(LogSource):
     """A table of delimited text, all in one stream."""
 
-    is_bag = False
-
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.size = path.stat().st_size
+        super().__init__(path)
         self.dialect = sniff(path)
 
     def columns(self) -> Sequence[LogColumn]:
@@ -185,10 +189,8 @@ def _column(texts: Any, decimal: str) -> np.ndarray:
     if decimal == ',':
         texts = pc.replace_substring(texts, ',', '.')
     texts = pc.if_else(pc.is_in(texts, pa.array(_NOTHING)), pa.scalar(None, pa.string()), texts)
-    try:
+    with suppress(pa.ArrowInvalid):
         return np.asarray(pc.cast(texts, pa.float64()).to_numpy())
-    except pa.ArrowInvalid:
-        pass
     number = pc.match_substring_regex(texts, r'^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$')
     share = pc.mean(pc.cast(pc.fill_null(number, True), pa.float64())).as_py()
     if share is None or share < 0.5:
@@ -286,8 +288,6 @@ def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> int:
 def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == ' ':
         return line.split()
-    try:
-        fields = next(csv.reader([line], delimiter=delimiter), [])
-    except csv.Error:
-        return []
-    return fields
+    with suppress(csv.Error):
+        return next(csv.reader([line], delimiter=delimiter), [])
+    return []

@@ -15,6 +15,7 @@ from power_recordings.importing.sources.source import (
     MOST_COLUMNS,
     LogBlock,
     LogColumn,
+    LogSource,
     Progress,
     rows_at_once,
 )
@@ -174,14 +175,11 @@ def _all_units(row: Sequence[str]) -> bool:
     return bool(fields) and sum(map(is_unit, fields)) >= 0.5 * len(fields)
 
 
-class ArrayLog:
+class ArrayLog(LogSource):
     """A log whose arrays are in memory."""
 
-    is_bag = False
-
     def __init__(self, path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-        self.path = path
-        self.size = path.stat().st_size
+        super().__init__(path)
         self._arrays = arrays
         shapes = {name: array.shape for name, array in arrays.items()}
         self._columns = table_columns(str(path), shapes)

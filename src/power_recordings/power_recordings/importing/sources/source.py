@@ -1,11 +1,12 @@
 """The interface of logs: columns by address, read in blocks."""
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,16 +52,20 @@ class LogBlock:
         return next((len(a) for a in arrays if a is not None), 0)
 
 
-class LogSource(Protocol):
+class LogSource(ABC):
     """A log file. Its constructor raises InputError for a file that it cannot read."""
 
-    path: Path
-    size: int  # bytes, for progress
-    is_bag: bool
+    is_bag = False
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.size = path.stat().st_size  # bytes, for progress
+
+    @abstractmethod
     def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
 
+    @abstractmethod
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield the rows of columns in blocks; `progress` is called with bytes read so far."""
 

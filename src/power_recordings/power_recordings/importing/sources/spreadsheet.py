@@ -17,6 +17,7 @@ from power_recordings.importing.sources.source import (
     MOST_COLUMNS,
     LogBlock,
     LogColumn,
+    LogSource,
     Progress,
     number,
     reading,
@@ -30,14 +31,11 @@ _ROOM: Final = 16 << 20  # bytes that a workbook may unpack to, and times its ow
 _RATIO: Final = 50
 
 
-class Spreadsheet:
+class Spreadsheet(LogSource):
     """The sheets of a workbook, one stream each; `Sheet.column` where there are several."""
 
-    is_bag = False
-
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.size = path.stat().st_size
+        super().__init__(path)
         with reading(path, 'workbook'), catch_warnings(action='ignore'):
             _check_size(path, self.size)
             self._book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
