@@ -47,7 +47,7 @@ class Calibration:
             for column, drive in enumerate(drives)
             for row, quantity in enumerate(_QUANTITIES)
         }
-        for name, channel in _read(path)[1].items():
+        for name, channel in read_channels(path)[1].items():
             if name not in places:
                 raise InputError(
                     f'calibration {path}: unknown channel {name!r}; there are {", ".join(places)}'
@@ -71,7 +71,7 @@ def onto(path: Path, channels: Mapping[str, Mapping[str, Any]]) -> dict[str, dic
     true = new gain · (old gain · raw + old offset) + new offset. channels: as in the file, by
     `drive.quantity`; intervals are the new ones, rescaled. InputError as of `Calibration.load`.
     """
-    old = _read(path)[1]
+    old = read_channels(path)[1]
     joined: dict[str, dict[str, Any]] = {}
     for name, new in channels.items():
         before = old.get(name, ChannelCorrection())
@@ -92,12 +92,8 @@ def save(path: Path, channels: Mapping[str, object], about: Mapping[str, object]
     write_whole(path, '# true value = gain · measured + offset\n' + text)
 
 
-def channels_of(path: Path) -> Mapping[str, object]:
-    """Return the unparsed entries of a calibration file by channel; InputError as of `load`."""
-    return _read(path)[0]
-
-
-def _read(path: Path) -> tuple[dict[str, object], dict[str, ChannelCorrection]]:
+def read_channels(path: Path) -> tuple[dict[str, object], dict[str, ChannelCorrection]]:
+    """Return a file's entries by channel, unparsed and parsed; InputError as of `load`."""
     content = read_yaml(path, 'calibration')
     channels = content.get('channels') if isinstance(content, dict) else None
     if not isinstance(channels, dict):

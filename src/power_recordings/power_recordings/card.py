@@ -2,7 +2,7 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import field, fields, replace
+from dataclasses import asdict, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -173,14 +173,10 @@ class Card:
     def text(self) -> str:
         """Return the card as YAML."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}
-        content['drives'] = list(self.drives)
-        for name in ('torque', 'torque_unit'):
-            content[name] = dict(content[name])
+        content |= {'drives': list(self.drives), 'marks': [asdict(mark) for mark in self.marks]}
+        for name in ('torque', 'torque_unit', 'marks'):
             if not content[name]:
                 del content[name]
-        content['marks'] = [{'time': mark.time, 'text': mark.text} for mark in self.marks]
-        if not self.marks:
-            del content['marks']
         return dump_yaml({**content, **self.other})
 
     def save(self, bag_dir: Path) -> Path:

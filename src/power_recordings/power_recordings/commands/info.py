@@ -46,16 +46,11 @@ def print_quality(checked: Checked) -> None:
         points = max((timing.samples for timing in quality.topics.values()), default=0)
         console.print(f'  {points} operating points, of which none follows on another')
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'of var P', 'ω/(dq/dt)'):
-        table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')
     units = dict.fromkeys(card.torque_unit.get(name, 'N*m') for name in quality.drives)
-    for head in (
-        f'torque {" or ".join(units)}'.replace('*', '·'),
-        'speed rad/s',
-        'power W',
-        'τ–ω seen',
-    ):
-        table.add_column(head, justify='right')
+    torque = f'torque {" or ".join(units)}'.replace('*', '·')
+    checks = ('drive', 'torque', 'updates', 'dP/d(τω)', 'of var P', 'ω/(dq/dt)')
+    for head in (*checks, torque, 'speed rad/s', 'power W', 'τ–ω seen'):
+        table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')
     for name, drive in quality.drives.items():
         ranges = (drive.torque_range, drive.velocity_range, drive.power_range)
         table.add_row(

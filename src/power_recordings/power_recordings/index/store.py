@@ -216,27 +216,8 @@ class RecordingIndex:
         database.execute('PRAGMA synchronous = OFF')
         database.execute(f'PRAGMA page_size = {_PAGE}')  # of a file that is made now
         database.execute('PRAGMA foreign_keys = ON')
-        if self._version() != VERSION:
-            self._create()
-
-    def _version(self) -> int:
-        assert self._database is not None
-        return int(self._database.execute('PRAGMA user_version').fetchone()[0])
-
-    def _create(self) -> None:
-        """Make the tables, in place of those of another version."""
-        assert self._database is not None
-        with self._database as database:
-            database.execute('BEGIN EXCLUSIVE')
-            if self._version() == VERSION:
-                return  # another process was first
-            tables = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
-            for (name,) in database.execute(tables).fetchall():
-                database.execute(f'DROP TABLE IF EXISTS "{name}"')
-            for statement in filter(str.strip, _TABLES.split(';')):
-                database.execute(statement)
-            database.execute(f'PRAGMA application_id = {_APPLICATION}')
-            database.execute(f'PRAGMA user_version = {VERSION}')
+        if _version(database) != VERSION:
+            _create(database)
 
     def _renew(self, why: str) -> None:
         """Delete a torn file and begin anew, unless another process has it open."""
@@ -264,6 +245,25 @@ class RecordingIndex:
         if self._lock is not None:
             self._lock.close()
             self._lock = None
+
+
+def _version(database: sqlite3.Connection) -> int:
+    return int(database.execute('PRAGMA user_version').fetchone()[0])
+
+
+def _create(database: sqlite3.Connection) -> None:
+    """Make the tables, in place of those of another version."""
+    with database:
+        database.execute('BEGIN EXCLUSIVE')
+        if _version(database) == VERSION:
+            return  # another process was first
+        tables = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
+        for (name,) in database.execute(tables).fetchall():
+            database.execute(f'DROP TABLE IF EXISTS "{name}"')
+        for statement in filter(str.strip, _TABLES.split(';')):
+            database.execute(statement)
+        database.execute(f'PRAGMA application_id = {_APPLICATION}')
+        database.execute(f'PRAGMA user_version = {VERSION}')
 
 
 def card_content(card: Card) -> dict[str, Any]:
