@@ -15,6 +15,9 @@ from typing import Any, Final, Self
 from wattwalk_core import early
 from wattwalk_core.errors import InputError, printable
 
+Arguments = Sequence[str] | None
+Entry = Callable[[Arguments], int]
+
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -75,9 +78,6 @@ class DeferredSignals(RaisedSignals):
         self.received = signal.Signals(number)
 
 
-Arguments = Sequence[str] | None
-Entry = Callable[[Arguments], int]
-
 _LONGEST: Final = 2000
 _EXTRAS: Final = {
     **dict.fromkeys(('pyvisa', 'pysoem', 'hebi'), 'hardware'),
@@ -87,7 +87,7 @@ _EXTRAS: Final = {
 _INTERRUPTED: Final = 'interrupted'
 
 
-def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
+def command(body: Callable[[Arguments], int | None]) -> Entry:
     """Turn a function of the argument list into an entry point that returns an exit code.
 
     InputError ends with its message on stderr and code 2, SIGINT (Ctrl-C) with one line and code
@@ -95,7 +95,7 @@ def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
     """
 
     @wraps(body)
-    def main(args: Sequence[str] | None = None) -> int:
+    def main(args: Arguments = None) -> int:
         early.install()
         with RaisedSignals() as signals:
             try:
@@ -175,7 +175,7 @@ def _is_stdout_closed() -> bool:
 def _end_at_once_by_signals() -> None:
     """Ignore signals while the interpreter exits, where they would print a traceback."""
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in _SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, signal.SIG_DFL)
 
@@ -186,7 +186,7 @@ def _say(message: object) -> None:
     print(printable(f'{name}: {message}', _LONGEST), file=sys.stderr)
 
 
-def own_arguments(args: Sequence[str] | None = None) -> list[str]:
+def own_arguments(args: Arguments = None) -> list[str]:
     """Return a command's arguments: args, or the process's, without each `--ros-args … --`.
 
     The same as rclpy.utilities.remove_ros_args, without the import of rclpy.
@@ -202,9 +202,7 @@ def own_arguments(args: Sequence[str] | None = None) -> list[str]:
     return own
 
 
-def node_options(
-    parser: argparse.ArgumentParser, args: Sequence[str] | None
-) -> argparse.Namespace:
+def node_options(parser: argparse.ArgumentParser, args: Arguments) -> argparse.Namespace:
     """Parse a node's arguments; those of ROS are ignored, and all of them are in `ros_args`."""
     given = sys.argv[1:] if args is None else list(args)
     return parser.parse_args(own_arguments(given), argparse.Namespace(ros_args=given))

@@ -24,13 +24,13 @@ def install() -> None:
 
 def send_again(number: int) -> None:
     """Send this process the signal `number` 20 ms later, from another thread."""
+
+    def send() -> None:
+        time.sleep(_AGAIN)
+        os.kill(os.getpid(), number)
+
     # A threading.Thread takes locks that the interrupted code may hold.
-    _thread.start_new_thread(_send_later, (number,))
-
-
-def _send_later(number: int) -> None:
-    time.sleep(_AGAIN)
-    os.kill(os.getpid(), number)
+    _thread.start_new_thread(send, ())
 
 
 def _on_uncaught(

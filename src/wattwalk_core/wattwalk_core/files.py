@@ -42,15 +42,13 @@ def read_bytes(path: Path, what: str, limit: int) -> bytes:
     Raises InputError, which calls the file `what`, for one that is absent, no regular file (a
     pipe, a device) or larger.
     """
+    size = regular_size(path, what)
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f'{what} {path}: not a regular file')
         with path.open('rb') as file:
-            data = file.read(limit + 1 if status.st_size <= limit else 0)
-    except (OSError, ValueError) as error:
+            data = file.read(limit + 1 if size <= limit else 0)
+    except OSError as error:
         raise InputError(f'cannot read {what} {path}: {reason(error)}') from error
-    if max(len(data), status.st_size) > limit:
+    if max(len(data), size) > limit:
         raise InputError(f'{what} {path}: larger than {limit >> 10} KiB')
     return data
 

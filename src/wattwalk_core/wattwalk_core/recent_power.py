@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Final
@@ -58,10 +59,8 @@ def parts_of(figures: Mapping[str, str]) -> dict[str, float]:
     found = {}
     for name, value in figures.items():
         if name.endswith(_UNIT):
-            try:
+            with suppress(ValueError):
                 found[name.removesuffix(_UNIT)] = float(value)
-            except ValueError:
-                continue
     return found
 
 

@@ -26,7 +26,8 @@ from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.yaml_file import read_yaml
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, TypeAdapter  # slow to import
+    from pydantic import GetCoreSchemaHandler as Handler  # slow to import
+    from pydantic import TypeAdapter  # slow to import
     from pydantic_core import CoreSchema, ErrorDetails  # slow to import
 
 T = TypeVar('T')
@@ -101,9 +102,7 @@ class Quantity:
             raise ValueError(f'expected {limits}, there is {quoted(value)}')
         return kind(value)  # type: ignore[no-any-return]
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: 'GetCoreSchemaHandler'
-    ) -> 'CoreSchema':
+    def __get_pydantic_core_schema__(self, source: Any, handler: 'Handler') -> 'CoreSchema':
         from pydantic_core import PydanticCustomError, core_schema  # slow to import
 
         kind = int if source is int else float
@@ -123,9 +122,7 @@ class Length:
 
     least: int
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: 'GetCoreSchemaHandler'
-    ) -> 'CoreSchema':
+    def __get_pydantic_core_schema__(self, source: Any, handler: 'Handler') -> 'CoreSchema':
         return {**handler(source), 'min_length': self.least}  # type: ignore[return-value]
 
 
@@ -136,9 +133,7 @@ class Printable:
     least: int = 1
     most: int = 200
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: 'GetCoreSchemaHandler'
-    ) -> 'CoreSchema':
+    def __get_pydantic_core_schema__(self, source: Any, handler: 'Handler') -> 'CoreSchema':
         from pydantic_core import PydanticCustomError, core_schema  # slow to import
 
         def check(value: str) -> str:
@@ -280,13 +275,9 @@ def _class_at(kind: Any, path: Sequence[int | str]) -> Any:
         kinds = [k for k in typing.get_args(kind) if k is not type(None)]
         return _class_at(kinds[0], path) if len(kinds) == 1 else None
     if not path:
-        return kind if _is_class(kind) else None
-    if _is_class(kind):
+        return kind if dataclasses.is_dataclass(kind) else None
+    if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind, include_extras=True)
         return _class_at(hints[path[0]], path[1:]) if path[0] in hints else None
     arguments = [a for a in typing.get_args(kind) if a is not Ellipsis]
     return _class_at(arguments[-1], path[1:]) if arguments else None
-
-
-def _is_class(kind: Any) -> bool:
-    return isinstance(kind, type) and dataclasses.is_dataclass(kind)

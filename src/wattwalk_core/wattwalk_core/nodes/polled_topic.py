@@ -13,18 +13,6 @@ Message = TypeVar('Message')
 _LONGEST_BATCH: Final = 10_000  # messages; a publisher faster than its reader must not hold it
 
 
-def _take(subscription: Subscription, kind: Any, raw: bool) -> tuple[Any, int] | None:
-    """Return the next waiting message and its system time of publication in ns.
-
-    The one place that reaches below rclpy's public API, which hands messages to callbacks only:
-    `rclpy.wait_for_message` of Jazzy takes them by the same handle.
-    """
-    handle = subscription.handle
-    with handle:
-        taken = handle.take_message(kind, raw)
-    return None if taken is None else (taken[0], taken[1]['source_timestamp'])
-
-
 class _Unserved(ReentrantCallbackGroup):
     """Keeps subscriptions out of the executor; their events stay in it."""
 
@@ -69,11 +57,15 @@ class PolledTopic(Generic[Message]):
 
     def take_with_source_time(self) -> Iterator[tuple[Message, int]]:
         """Yield the waiting messages, each with its system time of publication in ns."""
+        # The one place that reaches below rclpy's public API, which hands messages to callbacks
+        # only: `rclpy.wait_for_message` of Jazzy takes them by the same handle.
+        handle = self._subscription.handle
         for _ in range(_LONGEST_BATCH):
-            taken = _take(self._subscription, self._kind, self._raw)
+            with handle:
+                taken = handle.take_message(self._kind, self._raw)
             if taken is None:
                 return
-            yield taken
+            yield taken[0], taken[1]['source_timestamp']
 
     def newest(self) -> Message | None:
         """Discard all waiting messages but the last, and return that; None without any."""

@@ -128,20 +128,19 @@ class Page:
         bold: Sequence[int] = (),
     ) -> None:
         """Append a table; numbers: columns set to the right; bold: rows that stand out."""
-        head = ''.join(
-            f'<th{" class=number" if i in numbers else ""}>{escape(c)}</th>'
-            for i, c in enumerate(columns)
-        )
-        body = ''
-        for index, row in enumerate(rows):
-            cells = ''.join(
-                f'<td{" class=number" if i in numbers else ""}>{escape(cell)}</td>'
+
+        def cells(tag: str, row: Sequence[object]) -> str:
+            return ''.join(
+                f'<{tag}{" class=number" if i in numbers else ""}>{escape(cell)}</{tag}>'
                 for i, cell in enumerate(row)
             )
-            body += f'<tr{" class=in" if index in bold else ""}>{cells}</tr>'
+
+        body = ''
+        for index, row in enumerate(rows):
+            body += f'<tr{" class=in" if index in bold else ""}>{cells("td", row)}</tr>'
         self.add(
-            f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody>'
-            '</table></div>'
+            f'<div class="scroll"><table><thead><tr>{cells("th", columns)}</tr></thead>'
+            f'<tbody>{body}</tbody></table></div>'
         )
 
     def facts(self, facts: Mapping[str, object]) -> None:
