@@ -154,7 +154,7 @@ def main() -> None:
     errors = []
     for seed in track(range(options.seeds), description='meters'):
         found, made = trial(blocks, seed)
-        errors.append((found.before, found.after))
+        errors.append(found.errors[0])
         for name, row in made.items():
             rows.setdefault(name, []).append(row)
     cells = []

@@ -7,13 +7,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_calibration.analyser.bandwidth import Response, loss, response_of_drive
-from power_calibration.analyser.comparison import (
-    AnalyserComparison,
-    Channel,
-    correction_of,
-    powers,
-    row_kind,
-)
+from power_calibration.analyser.comparison import AnalyserComparison, Channel, row_kind
 from power_calibration.analyser.curve import RATE, Curve, Match, MeasuredDrive, matches
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.reference_fit import (
@@ -129,12 +123,6 @@ def compare_with_analyser(
     allowed = with_aliases(best, aliases(reference, best.clock, period, rate))
     channels = _channels(measured, log, names, allowed)
     progress('comparing power and bandwidth')
-    error_rate = min(_ERROR_RATE, 0.5 * log.rate, 0.5 / period)
-    _, shown, true = powers(measured, log, allowed, correction_of(channels), error_rate, kind)
-    good = np.isfinite(shown).all(axis=1) & np.isfinite(true)
-    errors = shown[good] - true[good, None]
-    before, after = np.sqrt((errors**2).mean(axis=0)).tolist()
-    mean_before, mean_after = errors.mean(axis=0).tolist()
     answer = _response(measured, log, allowed)
     cutoff = answer.cutoff if answer is not None else None
     notes += _aliasing(names, best, allowed, 1.0 / period)
@@ -152,11 +140,7 @@ def compare_with_analyser(
         fit=allowed,
         ambiguous=ambiguous,
         row_kind=kind,
-        before=before,
-        after=after,
-        mean_before=mean_before,
-        mean_after=mean_after,
-        error_rate=error_rate,
+        error_rate=min(_ERROR_RATE, 0.5 * log.rate, 0.5 / period),
         response=answer,
         loss=loss(log, cutoff.value if cutoff is not None else 0.45 / period),
         notes=tuple(notes),

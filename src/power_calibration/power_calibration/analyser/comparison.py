@@ -1,6 +1,7 @@
 """Result of comparing one drive of a recording with an analyser's log."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -104,15 +105,6 @@ class Channel:
     fixed: bool  # offset held at 0: the recording cannot tell it from the gain
 
 
-def correction_of(channels: dict[str, Channel]) -> tuple[Floats, Floats]:
-    """Return gains [2] and offsets [2], V and A, of voltage and current; 1 and 0 if not fitted."""
-    gain, offset = np.ones(2), np.zeros(2)
-    for place, name in enumerate(('voltage', 'current')):
-        if name in channels:
-            gain[place], offset[place] = channels[name].gain.value, channels[name].offset.value
-    return gain, offset
-
-
 @dataclass(frozen=True)
 class AnalyserComparison:
     """Calibration of a drive against a log; times of the log are `log.start` + its own."""
@@ -123,10 +115,6 @@ class AnalyserComparison:
     fit: ReferenceFit
     ambiguous: tuple[float, ...]  # s, other offsets that fit as well, from the one chosen
     row_kind: RowKind | None  # of the log, None if not known
-    before: float  # W, RMS error of power as recorded
-    after: float  # W, with the corrections
-    mean_before: float  # W
-    mean_after: float  # W
     error_rate: float  # Hz, of the low-passed power that the errors are of
     response: Response | None
     loss: Loss | None
@@ -144,15 +132,46 @@ class AnalyserComparison:
         """Drift of the analyser's clock against ROS time, positive if it runs too fast."""
         return self.fit.drift.times(1e6)
 
+    @cached_property
     def powers(self) -> tuple[Floats, Floats, Floats]:
-        """Return times, our power before and after correction, and the reference's: `powers`."""
-        correction = correction_of(self.channels)
-        return powers(
-            self.measured, self.log, self.fit, correction, self.error_rate, self.row_kind
-        )
+        """Times in s [T], our power before and after [T, 2] and the reference's [T], in W.
+
+        All are low-passed for `error_rate` Hz. Where the log lacks voltage or current, ours after
+        correction takes its place. NaN in gaps.
+        """
+        measured, log, rate = self.measured, self.log, self.error_rate
+        gains, offsets = np.ones(2), np.zeros(2)
+        for place, name in enumerate(('voltage', 'current')):
+            if name in self.channels:
+                gains[place] = self.channels[name].gain.value
+                offsets[place] = self.channels[name].offset.value
+        recorded, corrected = measured.power.runs, measured.corrected(gains, offsets).runs
+        runs = [(t, np.hstack([p, c])) for (t, p), (_, c) in zip(recorded, corrected, strict=True)]
+        both = Curve(tuple(runs), measured.curve.period)
+        mean = log.period if self.row_kind == 'means' else 0.0
+        low, high = self.fit.clock.ours(log.time[[0, -1]])
+        first, last = max(both.span[0], low), min(both.span[1], high)
+        times = first + np.arange(max(0, int((last - first) * rate))) / rate
+        column, factor = log.watts, np.ones(len(times))
+        if column is None:
+            place, column = (0, log.current) if log.current is not None else (1, log.voltage)
+            assert column is not None
+            other = measured.curve.columns(slice(place, place + 1)).low_passed(rate).at(times)
+            factor = other[:, 0] * gains[place] + offsets[place]
+        true = log.curve(column).low_passed(rate).at(self.fit.clock.reference(times))[:, 0]
+        return times, both.low_passed(rate, mean=mean).at(times), true * factor
+
+    @cached_property
+    def errors(self) -> list[list[float]]:
+        """RMS errors of power and means, W: [[as recorded, with the corrections], [the same]]."""
+        _, ours, true = self.powers
+        good = np.isfinite(ours).all(axis=1) & np.isfinite(true)
+        errors = ours[good] - true[good, None]
+        return [np.sqrt((errors**2).mean(axis=0)).tolist(), errors.mean(axis=0).tolist()]
 
     def json(self) -> dict[str, Any]:
         """Return the result as nested dicts, as `calibrate --json` writes it."""
+        (before, after), (mean_before, mean_after) = self.errors
         bandwidth: dict[str, Any] | None = None
         if self.response is not None:
             cutoff = self.response.cutoff
@@ -189,10 +208,10 @@ class AnalyserComparison:
             'time_offset_ambiguous': list(self.ambiguous),
             'drift_ppm': self.drift_ppm.value,
             'drift_ppm_interval': self.drift_ppm.interval,
-            'rmse_before_w': self.before,
-            'rmse_after_w': self.after,
-            'bias_before_w': self.mean_before,
-            'bias_after_w': self.mean_after,
+            'rmse_before_w': before,
+            'rmse_after_w': after,
+            'bias_before_w': mean_before,
+            'bias_after_w': mean_after,
             'error_rate_hz': self.error_rate,
             'correlation': min(self.fit.correlation),
             'overlap_s': self.fit.seconds,
@@ -201,34 +220,3 @@ class AnalyserComparison:
             'bandwidth': bandwidth,
             'notes': list(self.notes),
         }
-
-
-def powers(
-    measured: MeasuredDrive,
-    log: Log,
-    found: ReferenceFit,
-    correction: tuple[Floats, Floats],
-    rate: float,
-    row_kind: RowKind | None = None,
-) -> tuple[Floats, Floats, Floats]:
-    """Return times in s [T], our power before and after [T, 2] and the reference's [T], in W.
-
-    All are low-passed for `rate` Hz. correction: see `correction_of`. Where the log lacks voltage
-    or current, ours after correction takes its place. NaN in gaps.
-    """
-    recorded, corrected = measured.power.runs, measured.corrected(*correction).runs
-    runs = [(t, np.hstack([p, c])) for (t, p), (_, c) in zip(recorded, corrected, strict=True)]
-    both = Curve(tuple(runs), measured.curve.period)
-    mean = log.period if row_kind == 'means' else 0.0
-    low, high = found.clock.ours(log.time[[0, -1]])
-    first, last = max(both.span[0], low), min(both.span[1], high)
-    times = first + np.arange(max(0, int((last - first) * rate))) / rate
-    column, factor = log.watts, np.ones(len(times))
-    if column is None:
-        place, column = (0, log.current) if log.current is not None else (1, log.voltage)
-        assert column is not None
-        gain, offset = (values[place] for values in correction)
-        other = measured.curve.columns(slice(place, place + 1)).low_passed(rate).at(times)[:, 0]
-        factor = other * gain + offset
-    true = log.curve(column).low_passed(rate).at(found.clock.reference(times))[:, 0] * factor
-    return times, both.low_passed(rate, mean=mean).at(times), true

@@ -36,10 +36,11 @@ def rows(found: AnalyserComparison) -> list[tuple[str, str, str, str]]:
 
 def calibration_sentences(found: AnalyserComparison) -> list[str]:
     """Return sentences on the errors of power before and after, and power above our bandwidth."""
+    (before, after), (mean_before, mean_after) = found.errors
     text = [
-        f'Error of power at {found.error_rate:.0f} Hz: {found.before:.3f} W RMS as recorded '
-        f'(mean {found.mean_before:+.3f} W), {found.after:.3f} W calibrated '
-        f'(mean {found.mean_after:+.3f} W), over {found.fit.seconds:.1f} s; '
+        f'Error of power at {found.error_rate:.0f} Hz: {before:.3f} W RMS as recorded '
+        f'(mean {mean_before:+.3f} W), {after:.3f} W calibrated '
+        f'(mean {mean_after:+.3f} W), over {found.fit.seconds:.1f} s; '
         f'correlation {min(found.fit.correlation):.5f}.'
     ]
     if found.loss is not None:
@@ -79,7 +80,7 @@ def draw_calibration(found: AnalyserComparison, *, dark: bool = False) -> Figure
 
 def _traces(found: AnalyserComparison, top: Axes, below: Axes, ink: str, blue: str) -> None:
     log, rate = found.log, found.error_rate
-    times, ours, true = found.powers()
+    times, ours, true = found.powers
     start = _busiest(times, true, rate)
     shown = (times >= start) & (times <= start + _SHOWN)
     at = times[shown] - start
@@ -106,13 +107,9 @@ def _traces(found: AnalyserComparison, top: Axes, below: Axes, ink: str, blue: s
     below.plot(at, ours[shown, 0] - true[shown], color=OTHERS[3], lw=1.0, label='as recorded')
     below.plot(at, ours[shown, 1] - true[shown], color=blue, lw=1.2, label='calibrated')
     below.axhline(0, color=ink, lw=0.8)
-    below.set_ylabel('residual [W]')
-    below.set_xlabel('time [s]')
-    below.set_xlim(0, _SHOWN)
-    label = (
-        f'residual at {rate:.0f} Hz over all: {found.before:.2f} W before, '
-        f'{found.after:.2f} W after (RMS)'
-    )
+    below.set(ylabel='residual [W]', xlabel='time [s]', xlim=(0, _SHOWN))
+    before, after = found.errors[0]
+    label = f'residual at {rate:.0f} Hz over all: {before:.2f} W before, {after:.2f} W after (RMS)'
     below.set_title(label, loc='left', fontsize=9)
     low, high = below.get_ylim()
     below.set_ylim(low, high + 0.3 * (high - low))
@@ -134,8 +131,7 @@ def _busiest(times: Floats, true: Floats, rate: float) -> float:
 def _response(found: AnalyserComparison, axis: Axes, ink: str, blue: str) -> None:
     answer = found.response
     axis.set_title('our current relative to the analyser’s', loc='left', fontsize=10)
-    axis.set_xlabel('frequency [Hz]')
-    axis.set_ylabel('magnitude')
+    axis.set(xlabel='frequency [Hz]', ylabel='magnitude')
     if answer is None:
         axis.text(0.5, 0.5, 'recording too short', transform=axis.transAxes, ha='center')
         return
@@ -159,8 +155,7 @@ def _response(found: AnalyserComparison, axis: Axes, ink: str, blue: str) -> Non
     else:
         label = f'no −3 dB point up to {answer.reach:.0f} Hz'
     axis.text(0.03, 0.06, label, transform=axis.transAxes, fontsize=8)
-    axis.set_ylim(0, 1.7)
-    axis.set_xlim(0, float(answer.frequency[-1]) + 5)
+    axis.set(ylim=(0, 1.7), xlim=(0, float(answer.frequency[-1]) + 5))
     axis.legend(loc='upper right', frameon=False, fontsize=8)
 
 

@@ -1,13 +1,14 @@
 """The log of a power analyser: its columns, units and time stamps, checked."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
+from power_recordings.importing.sources.source import Progress
 from scipy.ndimage import binary_opening
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
@@ -82,9 +83,7 @@ class Log:
         return Curve.of(self.time, columns, self.starts, self.stops, self.period)
 
     @classmethod
-    def read(
-        cls, path: Path, columns: str = '', progress: Callable[[int], None] = lambda size: None
-    ) -> 'Log':
+    def read(cls, path: Path, columns: str = '', progress: Progress = lambda size: None) -> 'Log':
         """Read a CSV file; columns: `time=NAME,voltage=NAME[*scale],…`, sniffed if empty.
 
         A name is that of the header or a column's number from 1. Raises InputError for a file

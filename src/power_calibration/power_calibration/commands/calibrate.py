@@ -67,7 +67,7 @@ def _kept(onto: Path | None, measured: MeasuredDrive) -> tuple[dict[str, object]
             f'{measured.path} was recorded with {measured.calibration}, but --onto {onto} is '
             f'{calibration.label(onto)}: give the file it was recorded with'
         )
-    return dict(calibration.channels_of(onto)), applied
+    return calibration.read_channels(onto)[0], applied
 
 
 def _save(

@@ -11,7 +11,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import BLUE, OTHERS, embedded, save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
-from power_calibration.timing.delay import SHIFTS, Delay
+from power_calibration.timing.delay import SHIFTS
 from power_calibration.timing.summary import FREQUENCIES_SHOWN, GRID, SHIFTS_SHOWN, Summary
 
 DRIVE_COLUMNS = (
@@ -87,8 +87,7 @@ def _by_shift(axis: Axes, shares: Sequence[Floats], what: str, ink: str, blue: s
         axis.plot(1e3 * SHIFTS, 100 * share, color=blue, lw=0.8, alpha=0.6)
     middle = np.median(shares, axis=0)
     axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8, label='median of the drives')
-    axis.set_ylabel(f'RMS {what} [% of deviation]')
-    axis.set_ylim(0, None)
+    axis.set(ylabel=f'RMS {what} [% of deviation]', ylim=(0, None))
 
 
 def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
@@ -105,10 +104,8 @@ def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
 
 def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     axis.set_title('delay of electrical stamps against joints', loc='left', fontsize=10)
-    known: list[Delay] = [d for d in found.delays if d.delay is not None]
-    for row, item in enumerate(known):
-        assert item.delay is not None
-        d = item.delay
+    known = {item.drive: item.delay for item in found.delays if item.delay is not None}
+    for row, d in enumerate(known.values()):
         axis.plot([1e3 * d.low, 1e3 * d.high], [row, row], color=blue, lw=1.5)
         axis.plot(1e3 * d.value, row, 'o', color=blue, ms=5)
     common = found.common
@@ -117,9 +114,8 @@ def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
         axis.axvline(1e3 * common.value, color=OTHERS[0], lw=1.2, label='all drives')
         axis.legend(loc='best', frameon=False, fontsize=8)
     axis.axvline(0, color=ink, lw=0.8)
-    axis.set_yticks(range(len(known)), [d.drive for d in known], fontsize=8)
-    axis.set_ylim(len(known) - 0.4, -0.6)
-    axis.set_xlabel('delay [ms], interval of 95 %')
+    axis.set_yticks(range(len(known)), [*known], fontsize=8)
+    axis.set(ylim=(len(known) - 0.4, -0.6), xlabel='delay [ms], interval of 95 %')
 
 
 def _fits(found: Summary, axis: Axes, ink: str, blue: str) -> None:
@@ -163,8 +159,7 @@ def _jitter(found: Summary, axis: Axes, ink: str, blue: str) -> None:
 
 def _clock(found: Summary, axis: Axes, blue: str) -> None:
     clock = found.clock
-    axis.set_xlabel('time [s]')
-    axis.set_ylabel('stamp − line [µs]')
+    axis.set(xlabel='time [s]', ylabel='stamp − line [µs]')
     if clock is None:
         axis.set_title('no device clock in the recording', loc='left', fontsize=10)
         return
@@ -189,10 +184,7 @@ def _smoothing(axis: Axes, ink: str, blue: str) -> None:
     axis.annotate(label, (50.0, level), (56.0, level + 8), fontsize=8, color=ink)
     axis.axhline(-3, color=ink, lw=0.8, ls=':')
     axis.axvline(SMOOTHING, color=OTHERS[0], lw=1.2, label='12.5 Hz')
-    axis.set_ylim(-60, 5)
-    axis.set_xlim(0, 120)
-    axis.set_xlabel('frequency [Hz]')
-    axis.set_ylabel('gain [dB]')
+    axis.set(ylim=(-60, 5), xlim=(0, 120), xlabel='frequency [Hz]', ylabel='gain [dB]')
     axis.legend(loc='upper right', frameon=False, fontsize=8)
 
 

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.messages.samples import JointSamples
 from power_recordings.reading.reader import Recording
-from wattwalk_core.arrays import Floats, Singles
+from wattwalk_core.arrays import Floats, Singles, Stamps
 
 from power_calibration.analyser.reference_fit import IntervalEstimate
 
@@ -48,14 +47,12 @@ def step_response(recording: Recording, drive: str) -> StepResponse | None:
     if len(steps) < _FEWEST or drive not in supply.names or drive not in joints.names:
         return None
     grid = np.arange(-_BEFORE, _AFTER + _GRID, _GRID)
-    rows: list[tuple[Floats, Floats]] = []
-    for stamp in steps:
-        current = _around(
-            supply.stamp_ns, supply.current[:, supply.names.index(drive)], stamp, grid
-        )
-        torque = _around(joints.stamp_ns, joints.effort[:, joints.names.index(drive)], stamp, grid)
-        if current is not None and torque is not None:
-            rows.append((current, torque))
+    signals = (
+        (supply.stamp_ns, supply.current[:, supply.names.index(drive)]),
+        (joints.stamp_ns, joints.effort[:, joints.names.index(drive)]),
+    )
+    pairs = [[_around(*signal, stamp, grid) for signal in signals] for stamp in steps]
+    rows = [pair for pair in pairs if all(part is not None for part in pair)]
     if len(rows) < _FEWEST:
         return None
     stacked = np.array(rows)  # [E, 2, G]
@@ -71,22 +68,21 @@ def step_response(recording: Recording, drive: str) -> StepResponse | None:
     return StepResponse(drive, len(rows), grid, means[0], means[1], halves[0], halves[1])
 
 
-def _steps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
+def _steps(commands: JointSamples, drive: str) -> Stamps:
     """Return the stamps of isolated steps of the quantity that has the most of them."""
     if drive not in commands.names:
         return np.zeros(0, np.int64)
     column = commands.names.index(drive)
-    found = np.zeros(0, np.int64)
+    found = [np.zeros(0, np.int64)]
     for name in _FIELDS:
         values = getattr(commands, name)[:, column].astype(np.float64)
         given = np.isfinite(values)
         if given.sum() > 8 and np.ptp(values[given]) > 0.0:
-            alone = _alone(commands.stamp_ns[given], values[given])
-            found = alone if len(alone) > len(found) else found
-    return found
+            found.append(_alone(commands.stamp_ns[given], values[given]))
+    return max(found, key=len)
 
 
-def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
+def _alone(stamps: Stamps, values: Floats) -> Stamps:
     """Return the stamps of steps without another change around them."""
     change = np.abs(np.diff(values))
     wide = float(np.ptp(values))
@@ -99,9 +95,7 @@ def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
     return np.asarray(stamps[large[alone]], np.int64)
 
 
-def _around(
-    stamps: NDArray[np.int64], values: Singles, at: np.int64, grid: Floats
-) -> Floats | None:
+def _around(stamps: Stamps, values: Singles, at: np.int64, grid: Floats) -> Floats | None:
     """Return a signal around an event, less its level before; None where samples lack."""
     span = np.array([-_BEFORE - 0.01, _AFTER + 0.01]) * 1e9
     low, high = np.searchsorted(stamps, at + span.astype(np.int64)).tolist()
