@@ -2,20 +2,18 @@
 
 import re
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
 from power_recordings.importing.sources.source import Progress, number
+from power_recordings.importing.times import moments
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, quoted
 
-_DATE = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d')
-_DOTTED = re.compile(r'(\d\d)\.(\d\d)\.(\d{4})[T ](\d\d:\d\d.*)')
+_DATE = re.compile(r'(\d{4}-\d\d-\d\d|\d\d\.\d\d\.\d{4})[T ]\d\d:\d\d')
 _CLOCK = re.compile(r'\d{1,2}:\d\d:\d\d')
-_ZONE = re.compile(r' ?(Z|UTC|[+-]\d\d:?\d\d)$')
 
 
 def read_columns(
@@ -40,12 +38,12 @@ def read_columns(
 def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
     if values.dtype.kind != 'O' or not is_time:
         return number(values)
-    texts: list[str | None] = values.tolist()
     sample = _sample(values)
-    if _DATE.match(sample) or _DOTTED.match(sample):
-        return _dates(texts)
+    if _DATE.match(sample):
+        stamps = moments(values, str(path), strict=False)
+        return np.where(stamps >= 0, stamps / 1e9, np.nan)
     if _CLOCK.match(sample):
-        return _clocks(texts)
+        return _clocks(values.tolist())
     raise InputError(
         f'{path}: time {quoted(sample)} is not understood; expected seconds, ISO 8601 such as '
         '2025-06-15T14:00:00.000, DD.MM.YYYY HH:MM:SS or HH:MM:SS'
@@ -55,37 +53,6 @@ def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
 def _sample(values: NDArray[np.generic]) -> str:
     """First text of a column, '' for one of numbers."""
     return next((text for text in values if text), '') if values.dtype.kind == 'O' else ''
-
-
-def _dates(given: Sequence[str | None]) -> Floats:
-    texts = [_iso(text or '') for text in given]
-    zone = next(filter(None, map(_ZONE.search, texts)), None)
-    shift = 0.0
-    if zone is not None:
-        moved = datetime.fromisoformat(f'2000-01-01T00:00:00{zone[1].replace("UTC", "Z")}')
-        offset = moved.utcoffset()
-        shift = offset.total_seconds() if offset is not None else 0.0
-        texts = [_ZONE.sub('', text) for text in texts]
-    try:
-        stamps = np.array(texts, dtype='datetime64[ns]')
-    except ValueError:
-        stamps = np.array([_date(text) for text in texts], dtype='datetime64[ns]')
-    seconds = stamps.astype(np.int64) / 1e9 - shift
-    seconds[np.isnat(stamps)] = np.nan
-    return seconds
-
-
-def _iso(text: str) -> str:
-    text = text.strip().replace(',', '.')
-    dotted = _DOTTED.match(text)
-    return f'{dotted[3]}-{dotted[2]}-{dotted[1]}T{dotted[4]}' if dotted else text
-
-
-def _date(text: str) -> np.datetime64:
-    try:
-        return np.datetime64(text, 'ns')
-    except ValueError:
-        return np.datetime64('NaT')
 
 
 def _clocks(texts: Sequence[str | None]) -> Floats:

@@ -38,17 +38,25 @@ def is_date(text: str) -> bool:
     return bool(_DATE_ALONE.fullmatch(text.strip())) and not is_time_of_day(text)
 
 
-def moments(texts: NDArray[Any], where: str) -> Stamps:
+def moments(texts: NDArray[Any], where: str, *, strict: bool = True) -> Stamps:
     """Parse texts [N] to ns since 1970, or since midnight without a date; −1 for empty ones.
 
     In dates with the year last, the month comes first if any text has AM or PM or a second number
-    above 12. InputError, which begins with `where`, for a text that is no time.
+    above 12. InputError, which begins with `where`, for a text that is no time; −1 if not strict.
     """
     given = ['' if text is None else str(text).strip() for text in texts.tolist()]
     month_first = any(map(_is_month_first, given))
-    return np.array(
-        [_moment(text, month_first, where) if text else -1 for text in given], np.int64
-    )
+    stamps = np.full(len(given), -1, np.int64)
+    for row, text in enumerate(given):
+        try:
+            stamps[row] = _moment(text, month_first) if text else -1
+        except (ValueError, OverflowError):
+            if strict:
+                raise InputError(
+                    f'{where}: {quoted(text)} is no time; expected numbers, dates such as '
+                    '2026-11-22T10:00:00.000, or times of day'
+                ) from None
+    return stamps
 
 
 def unwrapped(times: Stamps, last: int) -> Stamps:
@@ -69,20 +77,14 @@ def _is_month_first(text: str) -> bool:
     return int(found['second']) > 12 or bool(found.groupdict().get('half'))
 
 
-def _moment(text: str, month_first: bool, where: str) -> int:
+def _moment(text: str, month_first: bool) -> int:
     with suppress(ValueError):
         moment = datetime.fromisoformat(text)
         return _ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
     found = _BOTH.fullmatch(text) or _ALONE.fullmatch(text) or _DATE_ALONE.fullmatch(text)
-    try:
-        if found is None:
-            raise ValueError
-        return _of_parts(found.groupdict(), month_first)
-    except (ValueError, OverflowError):
-        raise InputError(
-            f'{where}: {quoted(text)} is no time; expected numbers, dates such as '
-            '2026-11-22T10:00:00.000, or times of day'
-        ) from None
+    if found is None:
+        raise ValueError
+    return _of_parts(found.groupdict(), month_first)
 
 
 def _ns(moment: datetime) -> int:
