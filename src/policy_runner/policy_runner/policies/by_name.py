@@ -92,15 +92,15 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     return LearnedPolicy.load(learned_folder(source))
 
 
-def short_name(source: str) -> str:
-    """Return the name of a policy, of its folder, or of the training that it is in."""
-    path = Path(source)
-    return path.parent.name if path.name == EXPORTED else path.name
-
-
 def by_short_name(sources: Sequence[str]) -> dict[str, str]:
-    """Return sources of policies by their short names; InputError for two of one name."""
-    named = {short_name(source): source for source in sources}
+    """Return sources by the name of the policy, of its folder, or of the training it is in.
+
+    InputError for two of one name.
+    """
+    named = {}
+    for source in sources:
+        path = Path(source)
+        named[(path.parent if path.name == EXPORTED else path).name] = source
     if len(named) < len(sources):
         raise InputError(f'two of {", ".join(sources)} are called the same; rename a folder')
     return named

@@ -170,9 +170,6 @@ class GaitCycle:
         self.load[self.swinging] = 0.0
 
 
-__all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
-
-
 TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 """Lowest and highest target, rad [12, 2]: joint limits with a margin for torque over stiffness."""
 
@@ -196,7 +193,6 @@ class ScriptedTrot:
 
     def __init__(self, config: TrotConfig = DEFAULT_TROT) -> None:
         self.config = config
-        self.planned = np.zeros((4, 3))  # rad, joint angles without the shift for torque
         self._rest = config.footholds
         self._top = np.array([config.max_forward, config.max_lateral, config.max_yaw])
         self._initial_pose = np.zeros(12)
@@ -218,7 +214,7 @@ class ScriptedTrot:
         self._tilt = np.zeros(2)
         self._places = self._rest.copy()
         self._lifted_at = self._rest.copy()
-        self.planned = kinematics.inverse(self._rest)
+        self.planned = kinematics.inverse(self._rest)  # rad [4, 3], without the shift for torque
         self._rates = np.zeros((4, 3))
         self._feet = np.zeros((4, 3))
 
