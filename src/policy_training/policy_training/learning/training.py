@@ -23,7 +23,7 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.environment import ACTION_CLIP, WalkingEnvironment
 from policy_training.environment.power_source import power_source
 from policy_training.learning.learner import Learner, Round
-from policy_training.learning.run_folder import RunFolder
+from policy_training.learning.run_folder import RunFolder, read_curves
 
 Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
 
@@ -72,11 +72,10 @@ def train(
     folder: RunFolder,
     *,
     seconds: float | None = None,
-    console: Console | None = None,
 ) -> None:
     """Train to the end of the config, or for some seconds; save curves, checkpoint and policy."""
     config = learner.config
-    terminal = Console(stderr=True) if console is None else console
+    terminal = Console(stderr=True)
     bar = Progress(
         TextColumn('{task.description}'),
         BarColumn(),
@@ -101,7 +100,7 @@ def train(
         finally:
             folder.save(learner.checkpoint())
             folder.close()
-    rows = folder.curves()
+    rows = read_curves(folder.path)
     export_policy(
         folder.policy,
         learner.actor_layers(),
