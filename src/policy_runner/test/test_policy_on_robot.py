@@ -167,9 +167,8 @@ def test_the_velocity_of_the_base_is_known_from_legs_and_imu(feels, limit):
     for index in range(1000):
         spin = data.qvel[3:6].copy()
         command = np.array([0.4, 0.1, 0.3]) if data.time > 2.0 else np.zeros(3)
-        targets = trot.step(
-            data.time, command, data.qpos[7:], machine.down(), spin, machine.velocity()
-        )
+        read = Inputs(position=data.qpos[7:], gravity=machine.down(), spin=spin)
+        targets = trot.step(data.time, command, read, machine.velocity())
         machine.move(SupervisorOutput(targets))
         felt = data.sensor('imu_acceleration').data.copy()
         inputs = Inputs(
