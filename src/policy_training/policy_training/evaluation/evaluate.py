@@ -13,11 +13,9 @@ from policy_runner.policies.folder import read_folder
 from policy_runner.policies.learned import Perceptron
 from policy_runner.policies.trot import TROTS
 from power_estimator.model import PowerModel
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import GRAVITY, JOINT_TYPES
-from wattwalk_core.console import finite
+from wattwalk_core.console import counting_bar, finite
 
 from policy_training.evaluation.gait_cycle import Cycle, cycle_of, fast_share, gait_of
 from policy_training.evaluation.measured_walk import (
@@ -209,13 +207,7 @@ def evaluate(
     entries: list[dict[str, Any]] = []
     cycles: dict[str, dict[str, Cycle]] = {}
     trials: dict[str, Any] = {}
-    bar = Progress(
-        TextColumn('{task.description}'),
-        BarColumn(),
-        TextColumn('{task.completed:.0f} of {task.total:.0f}'),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-    )
+    bar = counting_bar(elapsed=True)
 
     def add(walk: MeasuredWalk, name: str) -> None:
         entries.append({**score_walk(walk, idle, models), 'name': name})
