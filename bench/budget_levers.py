@@ -25,6 +25,12 @@ from wattwalk_core.errors import InputError
 _UP, _DOWN = 1.1, 0.9
 _CORRECTIONS = 6
 _SMOOTH = 0.02  # s, slower than the torque loops
+
+
+def _times(factor: float, *names: str) -> Callable[[Drive], Drive]:
+    return lambda d: replace(d, **{name: getattr(d, name) * factor for name in names})
+
+
 CHANGES: Mapping[str, tuple[float, Callable[[Drive], Drive]]] = {
     'gear_ratio': (
         _UP,
@@ -36,19 +42,12 @@ CHANGES: Mapping[str, tuple[float, Callable[[Drive], Drive]]] = {
             pole_pairs=d.pole_pairs * _UP,
         ),
     ),
-    'winding_resistance': (_DOWN, lambda d: replace(d, resistance=d.resistance * _DOWN)),
+    'winding_resistance': (_DOWN, _times(_DOWN, 'resistance')),
     'friction': (
         _DOWN,
-        lambda d: replace(
-            d,
-            coulomb=d.coulomb * _DOWN,
-            stribeck=d.stribeck * _DOWN,
-            viscous=d.viscous * _DOWN,
-            load_friction=d.load_friction * _DOWN,
-            rub=d.rub * _DOWN,
-        ),
+        _times(_DOWN, 'coulomb', 'stribeck', 'viscous', 'load_friction', 'rub'),
     ),
-    'idle': (_DOWN, lambda d: replace(d, idle=d.idle * _DOWN)),
+    'idle': (_DOWN, _times(_DOWN, 'idle')),
     'supply_voltage': (_UP, lambda d: d),
     'payload': (_DOWN, lambda d: d),
 }

@@ -14,6 +14,7 @@ from math import exp, pi
 from pathlib import Path
 
 import numpy as np
+from drive_bench.motion.file import find_motion
 from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
 from power_calibration.analyser.curve import MeasuredDrive
@@ -23,7 +24,7 @@ from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
 from rich.progress import track
 from sim_bridge.instruments.analyser import Analyser, AnalyserParameters
-from sim_bridge.offline.motions import MotionController, bench_motion
+from sim_bridge.offline.motions import MotionController
 from sim_bridge.offline.run import OfflineRun
 from sim_bridge.offline.telemetry import START_NS
 from sim_bridge.plant.parameters import MeterParameters, Plant
@@ -43,7 +44,8 @@ Estimated = tuple[IntervalEstimate, float, float, str]
 def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[PlantBlock]:
     """Simulate a motion of one drive and return its blocks, before any meter or analyser."""
     blocks: list[PlantBlock] = []
-    played = MotionController(bench_motion(motion, frequency=frequency, seconds=seconds))
+    wanted = find_motion(motion).changed(frequency=frequency, seconds=seconds)
+    played = MotionController(wanted.with_pull(0.0))
     run = OfflineRun(
         Plant.load('anymal_c'),
         stand_world(DRIVE),

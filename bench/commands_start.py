@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from configparser import ConfigParser
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
+from wattwalk_core.console import output, print_table
 from wattwalk_core.processes import find_program
 
 SOURCES = Path(__file__).resolve().parents[1] / 'src'
@@ -47,15 +46,15 @@ def main() -> int:
     parser.add_argument('--only', nargs='+', metavar='PACKAGE', help='commands of these packages')
     options = parser.parse_args()
     ros2 = find_program('ros2')
-    table = Table('command', *ARGUMENTS, title=f'CPU in s of `ros2 run`; limit {LIMIT} s')
-    worst = 0.0
+    rows, worst = [], 0.0
     for package, name in entry_points():
         if options.only and package not in options.only:
             continue
         used = [cpu_seconds([ros2, 'run', package, name, text]) for text in ARGUMENTS]
         worst = max(worst, *used)
-        table.add_row(f'{package} {name}', *(f'{seconds:.2f}' for seconds in used))
-    Console(width=100).print(table)
+        rows.append((f'{package} {name}', *(f'{seconds:.2f}' for seconds in used)))
+    title = f'CPU in s of `ros2 run`; limit {LIMIT} s'
+    print_table(output(), ('command', *ARGUMENTS), rows, title)
     print(f'worst: {worst:.2f} s')
     return int(worst > LIMIT)
 

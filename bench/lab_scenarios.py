@@ -6,12 +6,13 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from drive_bench.motion.file import find_motion
 from drive_bench.motion.segment_path import JUMPS
 from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from reliability_questions import NAMED_FROM, Sealed
-from sim_bridge.offline.motions import MotionController, bench_motion
+from sim_bridge.offline.motions import MotionController
 from sim_bridge.offline.run import OfflineRun, simulate_recording, walking_run
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.world import Stand, stand_world
@@ -132,7 +133,7 @@ class Scenario:
             run = walking_run(plant, duration=self.seconds, seed=self.seed, drives=NAMES)
             return align(simulate_recording(run), rate=400.0, smooth=False, drives=NAMES)
         world = stand_world(NAMES[self.seed % 3], Stand(0.05, 5.0, 0.45))
-        ladder = bench_motion('ladder', 'velocity', amplitude=5.0, seconds=self.seconds)
+        ladder = find_motion('ladder', 'velocity').changed(amplitude=5.0, seconds=self.seconds)
         motion = MotionController(replace(ladder, segments=ladder.segments[1:]), ramps=JUMPS)
         offline = OfflineRun(plant, world, motion, duration=self.seconds, seed=self.seed)
         return align(simulate_recording(offline), rate=400.0, smooth=False)

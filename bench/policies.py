@@ -41,10 +41,10 @@ class Variant:
 
     def round(self) -> None:
         """Run one round (collect and learn) and record its times."""
-        wall, cpu = time.perf_counter(), time.process_time()
-        self.learner.run(self.learner.iteration + 1, lambda done: None)
-        self.wall.append(time.perf_counter() - wall)
-        self.cpu.append(time.process_time() - cpu)
+        ends = self.learner.iteration + 1
+        wall, cpu = seconds_of(lambda: self.learner.run(ends, lambda done: None))
+        self.wall.append(wall)
+        self.cpu.append(cpu)
 
     def rate(self) -> float:
         """Return policy steps per second of wall time in the median round."""

@@ -26,13 +26,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.console import output, print_table
 from wattwalk_core.processes import ChildProcess
 
 from drive_power_msgs.msg import DriveSupply
 
 HERE = Path(__file__).resolve()
-DRIVES = [f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')]
+DRIVES = list(JOINT_NAMES)
 RATES = {'drive_supply': 1000.0, 'joint_states': 400.0}
 QOS = QoSProfile(depth=1000)
 WARM_UP = 2.0  # s, left out of costs and latencies
@@ -53,18 +54,16 @@ class LoadSource(Node):
     """Publishes at the rates of the live system, with a running number in the frame_id.
 
     Late calls catch up. seconds: duration after the warm-up, which begins once both topics have a
-    subscription; None: from the start on, without end.
+    subscription.
     """
 
-    def __init__(self, seconds: float | None = None) -> None:
+    def __init__(self, seconds: float) -> None:
         super().__init__('source', start_parameter_services=False)
         self.done = rclpy.Future()
         self.costs: dict[str, list[float]] = {name: [] for name in RATES}
         self.cpu = self.wall = 0.0
         self._messages = {'drive_supply': _supply(), 'joint_states': _joints()}
-        self._endless = seconds is None
-        span = 1e9 if seconds is None else seconds + WARM_UP
-        self._wanted = {name: int(rate * span) for name, rate in RATES.items()}
+        self._wanted = {name: int(rate * (seconds + WARM_UP)) for name, rate in RATES.items()}
         self._publishers_by_topic = {
             name: self.create_publisher(type(message), name, QOS)
             for name, message in self._messages.items()
@@ -76,8 +75,7 @@ class LoadSource(Node):
     def tick(self) -> None:
         """Publish the messages that are due."""
         publishers = self._publishers_by_topic
-        heard = self._endless or all(p.get_subscription_count() for p in publishers.values())
-        if not heard:
+        if not all(publisher.get_subscription_count() for publisher in publishers.values()):
             return
         if self._start == 0.0:
             self._start = time.monotonic()

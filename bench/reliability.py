@@ -16,7 +16,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from pkgutil import resolve_name
@@ -25,11 +25,7 @@ from typing import Any
 import numpy as np
 from drive_logs import log_questions, metered, rms
 from lab_scenarios import blind_questions
-from reliability_questions import (
-    Question,
-    plant_questions,
-    robot_questions,
-)
+from reliability_questions import Question, plant_questions, robot_questions
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -71,19 +67,19 @@ def covered(rows: Iterable[Row]) -> Iterator[tuple[Row, str, float, bool]]:
                 yield row, name, level, low <= truth <= high
 
 
+def _cells(judged: Iterable[tuple[Row, bool]]) -> list[str]:
+    """Write the share that is true, for the families of each of COLUMNS."""
+    found = list(judged)
+    own = ([true for row, true in found if row['developed'] == at] for _, at in COLUMNS)
+    return [share(sum(part), len(part)) for part in own]
+
+
 def reliability(rows: Sequence[Row]) -> Table:
     """Return a table of the share of true statements, by their stated probability."""
     table = Table('said', *(name for name, _ in COLUMNS), title='true, of what was said')
     statements = list(said(rows))
     for low, high in BINS:
-        cells = []
-        for _, developed in COLUMNS:
-            own = [
-                true
-                for row, _, probability, true in statements
-                if row['developed'] == developed and low <= probability < high
-            ]
-            cells.append(share(sum(own), len(own)))
+        cells = _cells((row, true) for row, _, chance, true in statements if low <= chance < high)
         table.add_row(f'{low:.0%} to {min(high, 1):.0%}', *cells)
     return table
 
@@ -94,14 +90,9 @@ def coverage(rows: Sequence[Row]) -> Table:
     intervals = list(covered(rows))
     for name in sorted({name for _, name, _, _ in intervals}):
         for level in sorted({level for _, other, level, _ in intervals if other == name}):
-            cells = []
-            for _, developed in COLUMNS:
-                own = [
-                    holds
-                    for row, other, at, holds in intervals
-                    if (other, at, row['developed']) == (name, level, developed)
-                ]
-                cells.append(share(sum(own), len(own)))
+            cells = _cells(
+                (row, holds) for row, *which, holds in intervals if which == [name, level]
+            )
             table.add_row(name, f'{level:.0%}', *cells)
     return table
 
@@ -113,7 +104,7 @@ def by(rows: Sequence[Row], title: str, of: Callable[[Row], object]) -> Table:
     """
     columns = ('wrong at ≥ 95 %', '95 % intervals hold', 'found at ≥ 95 %', 'nulls left alone')
     table = Table(title, 'recordings', *columns, title=f'by {title}')
-    for value in sorted({of(row) for row in rows}, key=_order):
+    for value in sorted({of(row) for row in rows}, key=lambda it: (isinstance(it, str), it)):
         own = [row for row in rows if of(row) == value]
         certain = [true for _, _, p, true in said(own) if p >= 0.95]
         holds = [inside for _, _, level, inside in covered(own) if level == 0.95]
@@ -168,10 +159,6 @@ def beside_hidden(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _order(value: object) -> tuple[bool, Any]:
-    return isinstance(value, str), value
-
-
 def _found(rows: Iterable[Row]) -> Iterator[bool]:
     """Yield for each hidden effect that is large enough whether it, or its family, was named."""
     for row in rows:
@@ -212,19 +199,14 @@ HERE = Path(__file__).resolve().parent
 SOURCES = ('plants', 'robot', 'logs', 'blind')
 
 
-@dataclass(frozen=True)
-class Examination:
-    """A question, and the judge (`module:function`) that answers it."""
+def answer(question: Question, judge: str) -> dict[str, Any]:
+    """Make the recording, ask the judge and return its statements with the truth as a row.
 
-    question: Question
-    judge: str
-
-
-def answer(asked: Examination) -> dict[str, Any]:
-    """Make the recording, ask the judge and return its statements with the truth as a row."""
-    row = {'key': asked.question.key, **asked.question.about}
+    judge: `module:function`.
+    """
+    row = {'key': question.key, **question.about}
     try:
-        sealed = asked.question.seal()
+        sealed = question.seal()
         row |= {
             'known': list(sealed.known),
             'missing': sorted(sealed.missing),
@@ -237,7 +219,7 @@ def answer(asked: Examination) -> dict[str, Any]:
         }
         with threadpool_limits(limits=1):
             start = time.monotonic()
-            said = resolve_name(asked.judge)(sealed.data, sealed.known)
+            said = resolve_name(judge)(sealed.data, sealed.known)
             row['seconds_taken'] = round(time.monotonic() - start, 1)
         row['statements'] = [[one.effect, one.probability] for one in said.statements]
         row['intervals'] = [
@@ -313,9 +295,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted = {question.key for question in todo}
     rows = [row for row in _known(options.out, judged_by) if row['key'] in wanted]
     done = {row['key'] for row in rows}
-    asked = [Examination(question, options.judge) for question in todo if question.key not in done]
+    asked = [question for question in todo if question.key not in done]
+    ask = partial(answer, judge=options.judge)
     with TaskEngine(Workplace.of(options)) as engine, options.out.open('a') as file:
-        answers = engine.completed(answer, asked, ('power_lab', 'power_estimator', 'reliability'))
+        answers = engine.completed(ask, asked, ('power_lab', 'power_estimator', 'reliability'))
         for _, row in track(answers, 'judging', total=len(asked)):
             rows.append(row | {'judge': judged_by})
             file.write(json.dumps(rows[-1]) + '\n')

@@ -106,12 +106,6 @@ def _memory_mb(process: ChildProcess) -> float:
     return float(psutil.Process(process.pid).memory_info().rss) / 1e6
 
 
-def fill_disk(take: Take) -> None:
-    """Limit the file size of a running recording to 300 kB more, as on a full disk."""
-    size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
-    resource.prlimit(take.process.pid, resource.RLIMIT_FSIZE, (size, size))
-
-
 class System:
     """Simulated devices, the nodes under test and their recordings."""
 
@@ -215,8 +209,7 @@ class Soak:
         """Run all cycles; advance: is called with the s that have passed. May raise SoakError."""
         system = self.system
         system.record()
-        listens = system.drives.wait_for_listener(120.0)
-        if not listens:
+        if not system.drives.wait_for_listener(PATIENCE):
             raise SoakError('the DAQ never opened the bus')
         until(system.matched, 'discovery')
         time.sleep(_SETTLE)
@@ -268,7 +261,9 @@ class Soak:
 
     def _fill(self) -> None:
         take = self.system.takes[-1]
-        fill_disk(take)
+        # Its file may grow by _LEFT more, as on a full disk.
+        size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
+        resource.prlimit(take.process.pid, resource.RLIMIT_FSIZE, (size, size))
         self.system.stop_recording('disk full')
         held = re.search(r'(?:holds all|The) (\d+) messages', take.process.output)
         told = int(held[1]) if held else -1
@@ -278,7 +273,6 @@ class Soak:
     def accounts(self) -> list[Account]:
         """Return the account of each stream; call it while the nodes still run."""
         system = self.system
-        daq = system.diagnostics.fresh('power_daq: bus')
         until(lambda: system.diagnostics.fresh('power_daq: bus')['samples waiting'] == '0', 'calm')
         daq = system.diagnostics.fresh('power_daq: bus')
         system.supply.unplug()

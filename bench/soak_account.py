@@ -5,7 +5,7 @@ that are missing inside a bag have to be those that a node counted; what is miss
 has to lie where no recorder ran, or within what each kind of end may cost.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -314,24 +314,20 @@ def _by_recorder(bags: Sequence[BagRows]) -> list[Check]:
 def markdown(accounts: Sequence[Account]) -> str:
     """Return Markdown with a table of all accounts and a table of the checks."""
     reasons = list(dict.fromkeys(why for found in accounts for why in found.rows))
-    head = '| samples | ' + ' | '.join(found.stream for found in accounts) + ' |'
-    lines = [head, '|---|' + '---:|' * len(accounts)]
-    lines.append(
-        _row('**measured by the device**', [f'**{found.measured:,}**' for found in accounts])
-    )
-    lines += [
-        _row(why, [f'{found.rows[why]:,}' if why in found.rows else '' for found in accounts])
-        for why in reasons
-        if any(found.rows.get(why) for found in accounts)
-    ]
-    lines.append(_row('**recorded**', [f'**{found.recorded:,}**' for found in accounts]))
-    lines.append(
-        _row(
-            'of these not read back, the clock having been stepped back',
-            [f'{found.left_out:,}' for found in accounts],
-        )
-    )
-    lines.append(_row('**unaccounted for**', [f'**{found.unaccounted:,}**' for found in accounts]))
+
+    def row(name: str, cell: Callable[[Account], str]) -> str:
+        return f'| {name} | ' + ' | '.join(map(cell, accounts)) + ' |'
+
+    def of_reason(why: str) -> str:
+        return row(why, lambda found: f'{found.rows[why]:,}' if why in found.rows else '')
+
+    lines = [row('samples', lambda found: found.stream), '|---|' + '---:|' * len(accounts)]
+    lines.append(row('**measured by the device**', lambda found: f'**{found.measured:,}**'))
+    lines += [of_reason(why) for why in reasons if any(f.rows.get(why) for f in accounts)]
+    lines.append(row('**recorded**', lambda found: f'**{found.recorded:,}**'))
+    back = 'of these not read back, the clock having been stepped back'
+    lines.append(row(back, lambda found: f'{found.left_out:,}'))
+    lines.append(row('**unaccounted for**', lambda found: f'**{found.unaccounted:,}**'))
     lines += ['', '| check | stream | one way | the other | |', '|---|---|---:|---:|---|']
     for found in accounts:
         lines += [
@@ -341,7 +337,3 @@ def markdown(accounts: Sequence[Account]) -> str:
             for check in found.checks
         ]
     return '\n'.join(lines) + '\n'
-
-
-def _row(name: str, cells: Sequence[str]) -> str:
-    return f'| {name} | ' + ' | '.join(cells) + ' |'

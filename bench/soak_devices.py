@@ -45,27 +45,12 @@ def numbers(values: Singles, unit: float) -> NDArray[np.int64]:
     return np.where(whole, counts @ (100 ** np.arange(_DIGITS)), -1)
 
 
-def position_numbers(values: Singles) -> NDArray[np.int64]:
-    """Return the numbers [N] of joint samples from positions, rad [N, D]."""
-    return numbers(values, _POSITION)
-
-
-def current_numbers(values: Singles) -> NDArray[np.int64]:
-    """Return the numbers [N] of electrical samples from currents, A [N, D]."""
-    return numbers(values, _CURRENT)
-
-
 @dataclass
 class Kept:
     """Samples measured in a stream: their times, and numbers of those not sent, by reason."""
 
     times: list[float] = field(default_factory=list)  # s, steady
     withheld: dict[str, list[int]] = field(default_factory=dict)
-
-    @property
-    def measured(self) -> int:
-        """Number of samples measured."""
-        return len(self.times)
 
 
 class SoakDrives:
@@ -118,7 +103,7 @@ class SoakDrives:
 
     def marks(self) -> dict[str, int]:
         """Return the number of samples measured so far, by stream (electrical, joints)."""
-        return {name: kept.measured for name, kept in self.kept.items()}
+        return {name: len(kept.times) for name, kept in self.kept.items()}
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -260,9 +245,9 @@ def messages(path: Path) -> int:
 
 def _numbers(samples: Samples | None) -> NDArray[np.int64]:
     if isinstance(samples, DriveSamples):
-        return current_numbers(samples.current)
+        return numbers(samples.current, _CURRENT)
     if isinstance(samples, JointSamples):
-        return position_numbers(samples.position)
+        return numbers(samples.position, _POSITION)
     if isinstance(samples, SupplySamples):
         return supply_numbers(samples.voltage, samples.current)
     return np.zeros(0, np.int64)

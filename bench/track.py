@@ -231,15 +231,10 @@ def _scored(own: Plan, result: Search) -> dict[str, Any]:
     model = result.models[first.drive]
     told = _told(first, result)
     named = {first.change.hypothesis, *told['rivals']}
-    before = model.levels[0][0]
-    labels = model.history.labels
-    share = own.size
+    found = first.change.size
     if own.kind == 'wear':
-        column = labels.index((first.change.hypothesis, 0))
-        before = float(model.levels[0][column])
-        found = first.change.size / before
-    else:
-        found = first.change.size
+        column = model.history.labels.index((first.change.hypothesis, 0))
+        found /= float(model.levels[0][column])
     right = {
         'right_drive': told['drive'] == own.meter,
         'right_effect': first.change.hypothesis == own.effect,
@@ -251,7 +246,7 @@ def _scored(own: Plan, result: Search) -> dict[str, Any]:
         'whole': all(right.values()),
         'among': own.effect in named,
         'date_error': abs(told['begin'] - own.begin),
-        'size_error': abs(found / share - 1.0) if first.change.hypothesis == own.effect else None,
+        'size_error': abs(found / own.size - 1.0) if right['right_effect'] else None,
         'more': len(result.findings) - 1,
     }
 

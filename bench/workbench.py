@@ -14,7 +14,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,8 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         os.environ['WATTWALK_INDEX'] = str(Path(place) / 'cache' / 'recordings.sqlite3')
-        bag = options.bag or _walk(Path(place))
+        walk = Path(place) / 'walk'
+        bag = options.bag or run_offline(walk, duration=600.0, seed=5, progress=True)
         size = sum(file.stat().st_size for file in bag.iterdir())
         table = WorkbenchFigures(f'{bag.name}: {size / 1e6:.0f} MB')
         with _bench(Path(place), bag) as (browser, address, process):
@@ -117,10 +118,6 @@ class WorkbenchFigures:
     def show(self) -> None:
         """Print the rows."""
         Console(width=110).print(self._table)
-
-
-def _walk(folder: Path) -> Path:
-    return run_offline(folder / 'walk', duration=600.0, seed=5, progress=True)
 
 
 @contextmanager
@@ -188,7 +185,11 @@ def _use(page: Any, count: int, table: WorkbenchFigures, *, preview: bool) -> No
     spans = [[0.5 * a * seconds, (0.5 + 0.5 * b) * seconds] for a, b, *_ in shares]
 
     def timed(script: str, places: Sequence[Any]) -> list[float]:
-        return _times(page, lambda i: page.evaluate(_DONE % script, places[i]), count)
+        out = []
+        for index in range(count):
+            out.append(page.evaluate(_DONE % script, places[index]))
+            page.wait_for_timeout(150)
+        return out
 
     table.times('brush: a box on the map lights the traces', timed(_BOX, boxes), 100)
     table.times('brush: a span lights the map', timed(_SPAN, spans), 100)
@@ -203,14 +204,6 @@ def _use(page: Any, count: int, table: WorkbenchFigures, *, preview: bool) -> No
     table.times('diagnose', [1e3 * (time.perf_counter() - start)])
     page.wait_for_timeout(3000)
     table.times("a candidate's preview", timed(_PREVIEW, range(count)), 300)
-
-
-def _times(page: Any, work: Callable[[int], float], count: int) -> list[float]:
-    out = []
-    for index in range(count):
-        out.append(work(index))
-        page.wait_for_timeout(150)
-    return out
 
 
 def _memory(browser: Any, page: Any, process: ChildProcess, table: WorkbenchFigures) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from soak_account import BagRows, Counters, account, markdown, supply_account
-from soak_devices import current_numbers, numbered, position_numbers, told_came, told_lost
+from soak_devices import numbered, numbers, told_came, told_lost
 
 
 def ms(count):
@@ -67,8 +67,8 @@ def test_a_node_that_miscounts_leaves_the_account_open(counters, broken):
 
 
 def test_a_sample_that_is_there_twice_or_never_was_leaves_the_account_open():
-    for numbers in ([*range(100), 99], [*range(99), 105]):
-        found = account('x', ms(100), {}, Counters(100, 0, 0, 0, 100), (bag(numbers, 0, 100),))
+    for rows in ([*range(100), 99], [*range(99), 105]):
+        found = account('x', ms(100), {}, Counters(100, 0, 0, 0, 100), (bag(rows, 0, 100),))
         assert not found.closes
 
 
@@ -221,10 +221,10 @@ def test_what_a_recorder_said_at_its_end_is_read(said, came, lost):
 
 def test_numbers_survive_the_wire_as_digits():
     for number in (0, 7, 99, 100, 1_799_999, 99_999_999):
-        for read, unit, step in ((current_numbers, 0.1, 0.00125), (position_numbers, 0.01, 2e-6)):
+        for unit, step in ((0.1, 0.00125), (0.01, 2e-6)):
             wire = np.round(numbered(number, 12, unit) / step) * step
-            assert read(np.float32(wire)[None]).tolist() == [number]
-    assert position_numbers(np.float32([[0.01, -0.02, 0.0, 0.0]])).tolist() == [-1]
+            assert numbers(np.float32(wire)[None], unit).tolist() == [number]
+    assert numbers(np.float32([[0.01, -0.02, 0.0, 0.0]]), 0.01).tolist() == [-1]
 
 
 def test_the_table_says_what_is_unaccounted_for():

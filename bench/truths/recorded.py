@@ -9,6 +9,7 @@ from power_recordings.alignment.align import RATES, align
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.reading.reader import Recording
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.arrays import Floats, Singles
 
 from truths.families import FAMILIES, TruePlant
@@ -16,9 +17,6 @@ from truths.motions import MOTIONS, Asked
 from truths.parameters import Drive, table
 from truths.steps import KNOT, PART, PARTS, STATE, STEP, run
 
-_LEG = tuple(
-    f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')
-)
 START_NS = 1_750_000_000_000_000_000
 _OVERSAMPLED = 1.9  # rate of the alignment against the joints', as the lab takes it
 
@@ -197,7 +195,7 @@ def aligned(name: str, plant: TruePlant, made: Simulated) -> AlignedDataset:
     """Align the streams as the lab would, had they been read from a bag."""
     joint_time, meter_time = made.joint_time, made.meter_time
     count = made.joints.shape[1]
-    names = _LEG[:count] if count > 1 else ('LF_KFE',)
+    names = JOINT_NAMES[:count] if count > 1 else ('LF_KFE',)
     if len(names) < count:
         names = tuple(f'J{place + 1}' for place in range(count))
     position, velocity, effort, winding = (values.T.astype(np.float32) for values in made.joints)

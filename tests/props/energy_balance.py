@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
+from sim_bridge.plant.drive_steps import FRICTION
 from sim_bridge.plant.simulation import STEP, Simulation
 
 STORED = ('rotor', 'spring', 'capacitor', 'cogging_field')
@@ -93,15 +95,15 @@ class BalancedSimulation(Simulation):
 
 
 def friction_parts(friction, position, velocity, motor):
-    """Return the drag of `Friction.torque` by effect, N·m [..., D] each."""
-    f = friction
-    sign = np.tanh(velocity * f._slope)
-    fade = 1.0 + (velocity * f._fade) ** 2
-    away = (np.abs(position) - f._angle) / f._width
+    """Return the drag of `friction_torque` by effect, N·m [..., D] each."""
+    f = SimpleNamespace(**dict(zip(FRICTION, friction, strict=True)))
+    sign = np.tanh(velocity * f.slope)
+    fade = 1.0 + (velocity * f.fade) ** 2
+    away = (np.abs(position) - f.rub_angle) / f.rub_width
     return {
-        'coulomb_friction': f._coulomb * sign,
-        'stribeck_friction': f._stribeck / fade**2 * sign,
-        'load_friction': (f._load * np.abs(motor) + f._asymmetry * motor * sign) * sign,
-        'viscous_friction': f._viscous * velocity / (1.0 + np.abs(velocity) * f._thin),
-        'position_rub': f._rub / (1.0 + away**2) ** 2 * sign,
+        'coulomb_friction': f.coulomb * sign,
+        'stribeck_friction': f.stribeck / fade**2 * sign,
+        'load_friction': (f.load * np.abs(motor) + f.asymmetry * motor * sign) * sign,
+        'viscous_friction': f.viscous * velocity / (1.0 + np.abs(velocity) * f.thin),
+        'position_rub': f.rub / (1.0 + away**2) ** 2 * sign,
     }

@@ -5,6 +5,7 @@ import numpy as np
 import policy_folders
 import pytest
 from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
 from policy_runner.policies.learned import BaseVelocity
 from policy_runner.policies.trot import TROTS, ScriptedTrot
@@ -150,12 +151,11 @@ def test_a_low_foot_that_bears_nothing_does_not_count_as_standing(measured):
     turning[0] = np.linalg.solve(legs.jacobian[0], [1.0, 0.0, 0.0])  # m/s, ahead
     effort = np.zeros((4, 3))
     effort[1:] = np.swapaxes(legs.jacobian[1:], 1, 2) @ (52.1 * 9.81 / 3 * down)
-    given = {True: effort.ravel(), False: None, 'nan': np.full(12, np.nan)}[measured]
+    given = {True: effort.ravel(), False: np.zeros(0), 'nan': np.full(12, np.nan)}[measured]
     estimator = BaseVelocity()
+    inputs = Inputs(position=DEFAULT_POSE, velocity=turning.ravel(), gravity=down, effort=given)
     for index in range(100):
-        found = estimator.update(
-            0.02 * index, DEFAULT_POSE, turning.ravel(), down, np.zeros(3), effort=given
-        )
+        found = estimator.update(0.02 * index, inputs)
     assert abs(found[0]) < 0.01 if measured is True else found[0] < -0.2
 
 
@@ -167,19 +167,18 @@ def test_the_velocity_of_the_base_is_known_from_legs_and_imu(feels, limit):
     for index in range(1000):
         spin = data.qvel[3:6].copy()
         command = np.array([0.4, 0.1, 0.3]) if data.time > 2.0 else np.zeros(3)
-        targets = trot.step(
-            data.time, command, data.qpos[7:], machine.down(), spin, machine.velocity()
-        )
+        read = Inputs(position=data.qpos[7:], gravity=machine.down(), spin=spin)
+        targets = trot.step(data.time, command, read, machine.velocity())
         machine.move(SupervisorOutput(targets))
         felt = data.sensor('imu_acceleration').data.copy()
-        estimate = estimator.update(
-            data.time,
-            data.qpos[7:].copy(),
-            data.qvel[6:].copy(),
-            machine.down(),
-            data.qvel[3:6].copy(),
+        inputs = Inputs(
+            position=data.qpos[7:].copy(),
+            velocity=data.qvel[6:].copy(),
+            gravity=machine.down(),
+            spin=data.qvel[3:6].copy(),
             acceleration=felt if feels else None,
         )
+        estimate = estimator.update(data.time, inputs)
         if index > 600:
             errors.append(estimate - machine.velocity())
     rms = np.sqrt(np.mean(np.square(errors), axis=0))

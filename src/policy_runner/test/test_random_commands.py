@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 from policy_runner.commands.run import main
-from policy_runner.policies.velocity_commands import CommandRange, RandomCommands, SteadyCommand
+from policy_runner.policies.velocity_commands import (
+    CommandRange,
+    RandomCommands,
+    SteadyCommand,
+    parse_velocity,
+)
 from wattwalk_core.errors import InputError
 
 TIMES = np.arange(0.0, 600.0, 0.05)
@@ -54,7 +59,7 @@ def test_impossible_spans_are_refused_with_their_value(field, value):
 
 
 def test_a_held_velocity_stands_for_a_second_and_comes_in_over_another():
-    held = SteadyCommand.parse('0.6,0,-0.8')
+    held = SteadyCommand(parse_velocity('0.6,0,-0.8'))
     assert [held(time).tolist() for time in (0.0, 1.0, 1.5, 2.0, 99.0)] == [
         [0.0, 0.0, 0.0],
         [0.0, 0.0, 0.0],

@@ -1,6 +1,7 @@
 import mujoco
 import numpy as np
 import pytest
+from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from sim_bridge.plant.anymal_model import TIMESTEP, build_spec
 from sim_bridge.plant.terrain import FLAT, rough
@@ -32,12 +33,15 @@ class Walk:
         for _ in range(round(seconds / (STEPS * TIMESTEP))):
             rotation = data.xmat[1].reshape(3, 3)
             velocity = rotation.T @ data.qvel[:3]
+            inputs = Inputs(
+                position=data.qpos[7:] + self.random.normal(0, 2e-4, 12),
+                gravity=-rotation[2],
+                spin=data.qvel[3:6] + self.random.normal(0, 0.02, 3),
+            )
             targets = self.trot.step(
                 data.time,
                 np.asarray(command, dtype=float),
-                data.qpos[7:] + self.random.normal(0, 2e-4, 12),
-                -rotation[2],
-                data.qvel[3:6] + self.random.normal(0, 0.02, 3),
+                inputs,
                 velocity + self.random.normal(0, 0.03, 3) if self.odometry else None,
             )
             for _ in range(STEPS):

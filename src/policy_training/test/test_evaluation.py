@@ -88,14 +88,14 @@ def test_strides_are_found_from_touch_down_to_touch_down():
     time = np.arange(0.0, 3.0, 1.0 / RAW_RATE)
     force = np.where(time % 0.5 < 0.3, 150.0, 0.0)
     found = find_steps(force, np.ones(len(time), bool))
-    lengths = [(stop - start) / RAW_RATE for start, _, stop in found.strides]
-    swings = [(stop - up) / RAW_RATE for _, up, stop in found.strides]
+    lengths = [(stop - start) / RAW_RATE for start, _, stop in found]
+    swings = [(stop - up) / RAW_RATE for _, up, stop in found]
     assert lengths == pytest.approx([0.5] * 4)
     assert swings == pytest.approx([0.2] * 4)
     flicker = force + np.where(time % 0.5 < 0.3, 0.0, 20.0)
-    assert len(find_steps(flicker, np.ones(len(time), bool)).strides) == 0
+    assert len(find_steps(flicker, np.ones(len(time), bool))) == 0
     late = time > 1.2
-    assert len(find_steps(force, late).strides) == 2
+    assert len(find_steps(force, late)) == 2
 
 
 def test_a_policy_folder_is_a_controller_of_the_simulation(tmp_path):

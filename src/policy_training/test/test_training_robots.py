@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_training.config import PhysicsConfig, RandomConfig
 from policy_training.environment.robots import BatchDrives, Robots
@@ -240,9 +241,9 @@ def test_the_scripted_trot_walks_in_training_as_it_does_on_the_robot():
             trot.step(
                 time,
                 command * (time > 1.7),
-                motion.position[i],
-                motion.gravity[i],
-                motion.rate[i],
+                Inputs(
+                    position=motion.position[i], gravity=motion.gravity[i], spin=motion.rate[i]
+                ),
                 motion.velocity[i],
             )
             for i, (trot, command) in enumerate(zip(trots, commands, strict=True))

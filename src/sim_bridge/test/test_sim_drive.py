@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from energy_balance import friction_parts
 from sim_bridge.plant.circuit import Bus, Circuit
-from sim_bridge.plant.drive import Drives, Friction, JointCommand
+from sim_bridge.plant.drive import Drives, JointCommand, friction_table
+from sim_bridge.plant.drive_steps import friction_torque
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.world import Stand, stand_world
@@ -21,7 +22,7 @@ def ideal(**effects):
 
 def drag(plant, velocity, motor=0.0, position=0.0):
     velocity = np.asarray(velocity, dtype=float)
-    friction = Friction(plant, plant.resolve(DRIVE), STEP)
+    friction = friction_table(plant, plant.resolve(DRIVE), STEP)
     like = np.ones_like(velocity)
     return sum(friction_parts(friction, position * like, velocity, motor * like).values())
 
@@ -91,7 +92,7 @@ def test_drag_in_the_loop_is_the_sum_of_its_parts():
     for _ in range(20):
         position, velocity, motor = random.normal(0.0, (1.0, 3.0, 30.0))[:, None]
         out = np.empty(1)
-        drives.friction.torque(position, velocity, motor, out)
+        friction_torque(drives.friction, position, velocity, motor, out)
         parts = friction_parts(drives.friction, position, velocity, motor)
         np.testing.assert_allclose(out, sum(parts.values()), rtol=1e-12)
 

@@ -4,6 +4,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 import pytest
+from drive_bench.motion.file import find_motion
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.velocity_commands import SteadyCommand
 from power_daq.bus.description import BusDescription
@@ -12,7 +13,6 @@ from power_recordings.reading.reader import Recording
 from sim_bridge.commands.arguments import bench as bench_command
 from sim_bridge.commands.arguments import sim as sim_command
 from sim_bridge.offline.controllers import PolicyWalk, SensedWalk
-from sim_bridge.offline.motions import bench_motion
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
 from sim_bridge.offline.session import Pushes, SimulatedSession
 from sim_bridge.plant.drive import JointCommand
@@ -307,12 +307,12 @@ def test_the_bench_command_records_one_drive_in_each_mode(tmp_path, mode):
 )
 def test_a_wrong_bench_motion_is_refused(arguments, quoted):
     with pytest.raises(InputError, match=quoted):
-        bench_motion(*arguments)
+        find_motion(*arguments).with_pull(0.0)
 
 
 def test_a_frequency_beyond_all_reason_is_refused():
     with pytest.raises(InputError, match='frequency: expected 0 to 100 Hz, there is 200'):
-        bench_motion('sine', frequency=200.0)
+        find_motion('sine').changed(frequency=200.0)
 
 
 def test_a_soak_on_the_stand_ends_once_the_winding_is_warm(tmp_path):

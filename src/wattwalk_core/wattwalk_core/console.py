@@ -14,6 +14,7 @@ from wattwalk_core.files import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console  # slow to import, and parsers import this file
+    from rich.progress import Progress
     from rich.text import Text
 
 _EACH = 10.0  # s between lines of progress in a file
@@ -43,6 +44,23 @@ def progress(text: str) -> Iterator[Callable[[str], None]]:
                 print(f'{seconds:.0f} s: {description}', file=sys.stderr, flush=True)
 
         yield show
+
+
+def counting_bar(unit: str = '', *, digits: int = 0, elapsed: bool = False) -> 'Progress':
+    """Return a bar on stderr that counts `N of M unit`, with the time left, or elapsed."""
+    from rich.console import Console  # slow to import, and parsers import this file
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    count = f'{{task.completed:.{digits}f}} of {{task.total:.{digits}f}} {unit}'.rstrip()
+    columns = (TextColumn('{task.description}'), BarColumn(), TextColumn(count))
+    time_shown = TimeElapsedColumn() if elapsed else TimeRemainingColumn()
+    return Progress(*columns, time_shown, console=Console(stderr=True))
 
 
 def output(width: int = 100) -> 'Console':

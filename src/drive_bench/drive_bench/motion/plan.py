@@ -3,6 +3,7 @@
 import math
 from bisect import bisect_right
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 from wattwalk_core.errors import InputError
@@ -137,27 +138,21 @@ class Plan:
     ) -> None:
         self._mounting, self._ramps, self._segments = mounting, ramps, motion.segments
         self.paths: list[SegmentPath] = []
-        self._begins: list[float] = []
-        self._count = len(motion.segments)
         self.begin_anew(0, start)
 
     def begin_anew(self, first: int, start: float) -> None:
         """Plan the segments from index `first` on again, starting at a position, rad."""
-        del self.paths[first:], self._begins[first:]
+        del self.paths[first:]
         position, free = start, False
         for segment in self._segments[first:]:
             path = path_of(segment, position, self._mounting, self._ramps)
-            self._append(path)
+            self.paths.append(path)
             position, free = path.end, segment.free
         back = SegmentPath(Segment('rest', 0.0), position, self._mounting, self._ramps)
         if back.seconds > 0.0 or free or not self.paths[first:]:
-            self._append(back)
-        self.seconds = self._begins[-1] + self.paths[-1].seconds
-
-    def _append(self, path: SegmentPath) -> None:
-        ends = self._begins[-1] + self.paths[-1].seconds if self.paths else 0.0
-        self._begins.append(ends)
-        self.paths.append(path)
+            self.paths.append(back)
+        lengths = (path.seconds for path in self.paths)
+        *self._begins, self.seconds = accumulate(lengths, initial=0.0)
 
     def place(self, time: float) -> int:
         """Return the index of the segment at a time, s."""
@@ -176,7 +171,7 @@ class Plan:
 
     def check(self, drive: str, limits: JointLimits) -> None:
         """Raise InputError for the first segment that exceeds limits or does not suit the load."""
-        for number, path in enumerate(self.paths[: self._count], 1):
+        for number, path in enumerate(self.paths[: len(self._segments)], 1):
             where = f'segment {number} ({path.segment})'
             for value, most, unit, exempt in (
                 (path.segment.fastest, limits.speed, 'rad/s', path.segment.saturate),

@@ -20,9 +20,7 @@ class Oscillation:
     It fades in and out within a period, unless it is abrupt.
     """
 
-    def __init__(
-        self, frequency: float, seconds: float, lowest: float = 0.0, abrupt: bool = False
-    ) -> None:
+    def __init__(self, frequency: float, seconds: float, lowest: float, abrupt: bool) -> None:
         self._frequency, self._seconds, self._lowest = frequency, seconds, lowest
         self._abrupt = abrupt
         self._all = self.turns(seconds)

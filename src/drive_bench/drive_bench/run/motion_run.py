@@ -262,23 +262,6 @@ class MotionRun:
         """
         if self.active:
             raise InputError(f'{self.motion.name} is under way; stop it before planning it anew')
-        self._prepare()
-
-    def start(self, now: float) -> tuple[bool, str]:
-        """Begin if it is safe; return whether it began, and the time left or the reason."""
-        if self.active:
-            return True, self.reason
-        fault = self.monitor.inputs(self.inputs, now)
-        if fault is not None:
-            return False, str(fault)
-        try:
-            self._prepare()
-        except InputError as error:
-            return False, str(error)
-        started, told = self._supervisor.start(now)
-        return started, f'{self.policy.left:.0f} s to go' if started else told
-
-    def _prepare(self) -> None:
         if self.motion.free and not self._damp_others:
             there = zip(self.joints, present(self.inputs), strict=True)
             others = [name for name, found in there if found and name not in self.drives]
@@ -288,17 +271,26 @@ class MotionRun:
                     'position mode; take the drive alone, or allow them to be damped '
                     '(--damp-others)'
                 )
-        if self._fit:
-            self._fit_to_limits()
-        self.policy.prepare(self.inputs.position)
-        self._planned = True
-
-    def _fit_to_limits(self) -> None:
-        for drive in self.drives:
+        for drive in self.drives if self._fit else ():
             start = float(self.inputs.position[self.joints.index(drive)])
             self.motion, notes = fitted(self.motion, start, self._mounting, self.limits[drive])
             self.notes += notes
         self.policy.motion = self.motion
+        self.policy.prepare(self.inputs.position)
+        self._planned = True
+
+    def start(self, now: float) -> tuple[bool, str]:
+        """Begin if it is safe; return whether it began, and the time left or the reason."""
+        if self.active:
+            return True, self.reason
+        if why := self.unsound(now):
+            return False, why
+        try:
+            self.plan()
+        except InputError as error:
+            return False, str(error)
+        started, told = self._supervisor.start(now)
+        return started, f'{self.policy.left:.0f} s to go' if started else told
 
     def stop(self, now: float) -> tuple[bool, str]:
         """Damp all joints and end the motion; return success and a message."""

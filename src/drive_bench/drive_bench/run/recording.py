@@ -1,6 +1,5 @@
 """Recording of a motion: start of the recorder, supervision and filing."""
 
-import json
 import signal
 import sys
 import tempfile
@@ -12,8 +11,8 @@ from typing import Final, TextIO
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import Card
+from wattwalk_core.console import write_json
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
 from wattwalk_core.processes import ChildProcess
 
 from drive_bench.run.motion_run import MotionRun
@@ -43,7 +42,6 @@ class RecorderProcess:
         command = [sys.executable, '-c', _RUN, '-o', str(bag), '--duration', f'{longest:.0f}']
         command += ['--card', *words, '--ros-args', *ros, '-r', f'__node:={NAME}']
         self._process = ChildProcess(command, Path(self._folder.name) / 'recorder.log')
-        self.pid: Final = self._process.pid
 
     @property
     def ended(self) -> str:
@@ -94,16 +92,14 @@ def file_away(
     for line in summary:
         print(line, file=out)
     print(f'\n{check_table(found.rows)}\n', file=out)
-    if report is not None:
-        content = {
-            'bag': str(bag),
-            'complete': complete,
-            'ended': reason,
-            'figures': found.figures,
-            'rows': [asdict(row) for row in found.rows],
-        }
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        write_whole(report, f'{text}\n')
+    content = {
+        'bag': str(bag),
+        'complete': complete,
+        'ended': reason,
+        'figures': found.figures,
+        'rows': [asdict(row) for row in found.rows],
+    }
+    write_json(report, content)
     if not complete:
         print(f'{bag} is kept, incomplete: {reason}', file=out)
         return 1

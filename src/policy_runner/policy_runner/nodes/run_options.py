@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, Final
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
+from policy_runner.policies.velocity_commands import (
+    RandomCommands,
+    SteadyCommand,
+    parse_velocity,
+)
 
 if TYPE_CHECKING:
     from wattwalk_core.nodes.parameters import DeviceParameters  # rclpy, slow to import
@@ -63,4 +67,4 @@ class Options:
         """Return velocity commands by s of walking; None for cmd_vel. InputError if malformed."""
         if self.random_commands:
             return RandomCommands(max(self.seed, 0))
-        return None if self.velocity is None else SteadyCommand.parse(self.velocity)
+        return None if self.velocity is None else SteadyCommand(parse_velocity(self.velocity))

@@ -26,33 +26,20 @@ class TopicInputs:
 
     def take(self) -> None:
         """Put the newest message of each topic into the inputs, as having arrived now."""
-        for buffer, take in (
-            (self._joints, self._on_joints),
-            (self._imu, self._on_imu),
-            (self._odom, self._on_odom),
-            (self._command, self._on_command),
-        ):
-            message = buffer.newest()
-            if message is not None:
-                take(message)
-
-    def _on_joints(self, message: JointState) -> None:
-        m = message
-        self._inputs.on_joints(_ns(m), m.name, m.position, m.velocity, self._now())
-
-    def _on_imu(self, message: Imu) -> None:
-        q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
-        self._inputs.on_imu(
-            _ns(message), (q.x, q.y, q.z, q.w), (w.x, w.y, w.z), self._now(), (a.x, a.y, a.z)
-        )
-
-    def _on_odom(self, message: Odometry) -> None:
-        v = message.twist.twist.linear
-        self._inputs.on_odom(_ns(message), (v.x, v.y, v.z), self._now())
-
-    def _on_command(self, message: TwistStamped) -> None:
-        twist = message.twist
-        self._inputs.on_command((twist.linear.x, twist.linear.y, twist.angular.z), self._now())
+        inputs = self._inputs
+        if (joints := self._joints.newest()) is not None:
+            read = joints.name, joints.position, joints.velocity
+            inputs.on_joints(_ns(joints), *read, self._now())
+        if (imu := self._imu.newest()) is not None:
+            q, w, a = imu.orientation, imu.angular_velocity, imu.linear_acceleration
+            turned, felt = (q.x, q.y, q.z, q.w), (a.x, a.y, a.z)
+            inputs.on_imu(_ns(imu), turned, (w.x, w.y, w.z), self._now(), felt)
+        if (odom := self._odom.newest()) is not None:
+            v = odom.twist.twist.linear
+            inputs.on_odom(_ns(odom), (v.x, v.y, v.z), self._now())
+        if (command := self._command.newest()) is not None:
+            linear, turning = command.twist.linear, command.twist.angular
+            inputs.on_command((linear.x, linear.y, turning.z), self._now())
 
 
 def _ns(message: JointState | Imu | Odometry) -> int:

@@ -40,33 +40,6 @@ class Policy(Protocol):
         """Return joint targets, rad [12]; command: vx, vy, yaw rate [3]; velocity m/s or None."""
 
 
-class TrotPolicy:
-    """Scripted trot with the interface of a policy."""
-
-    rate = 200.0
-
-    def __init__(self, trot: ScriptedTrot) -> None:
-        self._trot = trot
-        self.ramp = trot.config.ramp
-
-    def reset(self) -> None:
-        """Reset; the next step begins to stand up from the measured pose."""
-        self._trot.reset()
-
-    def take_over(self) -> float:
-        """Reset; return the s of the ramp from the present pose to standing."""
-        self._trot.reset()
-        return self.ramp
-
-    def step(
-        self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
-    ) -> Floats:
-        """Return joint targets, rad [12], as `Policy.step`."""
-        return self._trot.step(
-            time, command, inputs.position, inputs.gravity, inputs.spin, base_velocity
-        )
-
-
 def shipped() -> tuple[str, ...]:
     """Return the names of the learned policies that come with this package."""
     return tuple(sorted(card.parent.name for card in SHIPPED.glob(f'*/{CARD}')))
@@ -82,7 +55,7 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     with the policies there are, if there is none, and with the fault of a bad one.
     """
     if source in TROTS:
-        return TrotPolicy(ScriptedTrot(TROTS[source]))
+        return ScriptedTrot(TROTS[source])
     if source not in POLICIES and os.path.isfile(source):
         from policy_runner.policies.torchscript import SUFFIXES, load_torchscript  # torch
 
@@ -92,15 +65,15 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     return LearnedPolicy.load(learned_folder(source))
 
 
-def short_name(source: str) -> str:
-    """Return the name of a policy, of its folder, or of the training that it is in."""
-    path = Path(source)
-    return path.parent.name if path.name == EXPORTED else path.name
-
-
 def by_short_name(sources: Sequence[str]) -> dict[str, str]:
-    """Return sources of policies by their short names; InputError for two of one name."""
-    named = {short_name(source): source for source in sources}
+    """Return sources by the name of the policy, of its folder, or of the training it is in.
+
+    InputError for two of one name.
+    """
+    named = {}
+    for source in sources:
+        path = Path(source)
+        named[(path.parent if path.name == EXPORTED else path).name] = source
     if len(named) < len(sources):
         raise InputError(f'two of {", ".join(sources)} are called the same; rename a folder')
     return named

@@ -21,23 +21,10 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
 from policy_runner.policies.velocity_commands import CommandRateLimiter
 
-
-def _elu(x: Singles) -> Singles:
-    return np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
-
-
-def _relu(x: Singles) -> Singles:
-    return np.maximum(x, 0)
-
-
-def _tanh(x: Singles) -> Singles:
-    return np.tanh(x)
-
-
 _FUNCTIONS: Final[Mapping[str, Callable[[Singles], Singles]]] = {
-    'elu': _elu,
-    'relu': _relu,
-    'tanh': _tanh,
+    'elu': lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0))),
+    'relu': lambda x: np.maximum(x, 0),
+    'tanh': np.tanh,
 }
 
 
@@ -78,34 +65,24 @@ class BaseVelocity:
     """
 
     def __init__(self) -> None:
-        self._time: float | None = None
-        self.velocity = np.zeros(3)
+        self.reset()
 
     def reset(self) -> None:
         """Reset to a robot that stands."""
-        self._time = None
+        self._time: float | None = None
         self.velocity = np.zeros(3)
 
-    def update(
-        self,
-        time: float,
-        position: Floats,
-        joint_velocity: Floats,
-        gravity: Floats,
-        rate: Floats,
-        *,
-        acceleration: Floats | None = None,
-        effort: Floats | None = None,
-    ) -> Floats:
-        """Return the velocity in the base's frame, m/s [3].
+    def update(self, time: float, inputs: Inputs) -> Floats:
+        """Return the velocity in the base's frame, m/s [3], at a time, s.
 
-        position rad [12], joint_velocity rad/s [12], gravity unit vector [3], rate rad/s [3], and
-        acceleration (with gravity, as an IMU feels it) m/s² [3] and effort N·m [12] if known.
+        Acceleration and effort among the inputs are used where they are known.
         """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), _LONGEST_STEP)
         self._time = time
-        legs = forward(position)
-        turning = joint_velocity.reshape(4, 3)
+        gravity, rate, effort = inputs.gravity, inputs.spin, inputs.effort
+        acceleration = inputs.acceleration
+        legs = forward(inputs.position)
+        turning = inputs.velocity.reshape(4, 3)
         swept = np.einsum('nij,nj->ni', legs.jacobian, turning)
         down = FOOT_RADIUS * gravity
         soles = legs.feet + down
@@ -113,7 +90,7 @@ class BaseVelocity:
         by_leg = -(swept + rolling + np.cross(rate, soles))
         depth = soles @ gravity
         weight = np.exp2(-np.square((depth.max() - depth) / _RISE))
-        if effort is not None and np.isfinite(effort).all():
+        if len(effort) and np.isfinite(effort).all():
             weight = _that_bear(weight, legs.jacobian, effort.reshape(4, 3), gravity)
         guess = self.velocity
         if acceleration is not None:
@@ -204,15 +181,7 @@ class LearnedPolicy:
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
         """Return joint targets, rad [12]; command: m/s, m/s, rad/s [3]."""
-        estimate = self._velocity.update(
-            time,
-            inputs.position,
-            inputs.velocity,
-            inputs.gravity,
-            inputs.spin,
-            acceleration=inputs.acceleration,
-            effort=inputs.effort if len(inputs.effort) else None,
-        )
+        estimate = self._velocity.update(time, inputs)
         velocity = estimate if base_velocity is None else base_velocity
         if self._began is None or self._first is None:
             self._began, self._first = time, inputs.position.copy()

@@ -17,7 +17,7 @@ from wattwalk_core.tensors import SIZE
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from policy_runner.policies.folder import CARD, Contract, read_folder
-from policy_runner.policies.learned import LearnedPolicy
+from policy_runner.policies.learned import LearnedPolicy, Network
 
 _ACTIVATIONS: Final = {'elu': nn.ELU, 'relu': nn.ReLU, 'tanh': nn.Tanh}
 
@@ -57,7 +57,7 @@ def load_torchscript(file: Path, *, trust_code: bool = False) -> LearnedPolicy:
     if isinstance(content, dict):
         content.setdefault('network', {'hidden': []})
     contract = parse(Contract, content, f'policy {card}')
-    return LearnedPolicy(contract, _TorchNetwork(file, contract))
+    return LearnedPolicy(contract, _torchscript_network(file, contract))
 
 
 def write_torchscript(folder: Path, file: Path) -> Path:
@@ -69,8 +69,7 @@ def write_torchscript(folder: Path, file: Path) -> Path:
     contract, tensors = read_folder(folder)
     module = torch_network(contract, tensors)
     stream = io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', DeprecationWarning)
+    with warnings.catch_warnings(action='ignore', category=DeprecationWarning):
         torch.jit.save(torch.jit.script(module), stream)
     beside = file.with_suffix('.yaml')
     with together():
@@ -79,29 +78,27 @@ def write_torchscript(folder: Path, file: Path) -> Path:
     return beside
 
 
-class _TorchNetwork:
-    def __init__(self, file: Path, contract: Contract) -> None:
-        torch.set_num_threads(1)
-        data = io.BytesIO(read_bytes(file, 'policy', SIZE))
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter('ignore', DeprecationWarning)
-                module = torch.jit.load(data, map_location='cpu')
-            answer = module.eval()(torch.zeros(1, contract.observation.size))
-            sound = tuple(answer.shape) == (1, 12) and bool(torch.isfinite(answer).all())
-        except Exception as error:  # code of others may raise anything
-            line = str(error).strip().split('\n')[-1]
-            raise InputError(
-                f'policy {file}: no TorchScript module that takes this observation: {line}'
-            ) from error
-        if not sound:
-            raise InputError(
-                f'policy {file}: its output has shape {list(answer.shape)}; expected [1, 12] and '
-                'finite'
-            )
-        self._module = module
+def _torchscript_network(file: Path, contract: Contract) -> Network:
+    torch.set_num_threads(1)
+    data = io.BytesIO(read_bytes(file, 'policy', SIZE))
+    try:
+        with warnings.catch_warnings(action='ignore', category=DeprecationWarning):
+            module = torch.jit.load(data, map_location='cpu')
+        answer = module.eval()(torch.zeros(1, contract.observation.size))
+        sound = tuple(answer.shape) == (1, 12) and bool(torch.isfinite(answer).all())
+    except Exception as error:  # code of others may raise anything
+        line = str(error).strip().split('\n')[-1]
+        raise InputError(
+            f'policy {file}: no TorchScript module that takes this observation: {line}'
+        ) from error
+    if not sound:
+        raise InputError(
+            f'policy {file}: its output has shape {list(answer.shape)}; expected [1, 12] and '
+            'finite'
+        )
 
-    def __call__(self, observation: Singles) -> Singles:
+    def act(observation: Singles) -> Singles:
         with torch.inference_mode():
-            action = self._module(torch.from_numpy(observation[None]))
-        return np.asarray(action[0].numpy())
+            return np.asarray(module(torch.from_numpy(observation[None]))[0].numpy())
+
+    return act

@@ -16,6 +16,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.schema import CheckedFields, Quantity
 
 from policy_runner.policies import kinematics
+from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import LegState, clipped
 from policy_runner.policies.velocity_commands import COMMAND_RATE_LIMIT, CommandRateLimiter
 
@@ -170,9 +171,6 @@ class GaitCycle:
         self.load[self.swinging] = 0.0
 
 
-__all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
-
-
 TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 """Lowest and highest target, rad [12, 2]: joint limits with a margin for torque over stiffness."""
 
@@ -191,12 +189,14 @@ class ScriptedTrot:
     Feet follow a plan in the base's frame: stance feet move back with the commanded velocity,
     swing feet move to the centre of the next stance, shifted by the velocity error (Raibert).
     Targets are the joint angles of that plan plus torque over stiffness, so that a compliant
-    drive carries the weight and overcomes its friction without a steady error.
+    drive carries the weight and overcomes its friction without a steady error. `rate`: Hz at which
+    a robot asks for targets; 50 to 400 are possible.
     """
 
+    rate = 200.0
+
     def __init__(self, config: TrotConfig = DEFAULT_TROT) -> None:
-        self.config = config
-        self.planned = np.zeros((4, 3))  # rad, joint angles without the shift for torque
+        self.config, self.ramp = config, config.ramp
         self._rest = config.footholds
         self._top = np.array([config.max_forward, config.max_lateral, config.max_yaw])
         self._initial_pose = np.zeros(12)
@@ -218,37 +218,33 @@ class ScriptedTrot:
         self._tilt = np.zeros(2)
         self._places = self._rest.copy()
         self._lifted_at = self._rest.copy()
-        self.planned = kinematics.inverse(self._rest)
+        self.planned = kinematics.inverse(self._rest)  # rad [4, 3], without the shift for torque
         self._rates = np.zeros((4, 3))
         self._feet = np.zeros((4, 3))
 
-    def step(
-        self,
-        time: float,
-        velocity_command: Floats,
-        joint_position: Floats,
-        gravity_in_base: Floats,
-        angular_velocity: Floats,
-        base_velocity: Floats | None = None,
-    ) -> Floats:
-        """Return joint position targets, rad [12]; to be called at 50 to 400 Hz.
+    def take_over(self) -> float:
+        """Reset; return the s of the ramp from the present pose to standing."""
+        self.reset()
+        return self.ramp
 
-        time: s, of the measurements. velocity_command: vx, vy in m/s, yaw rate in rad/s [3].
-        joint_position: rad [12]. gravity_in_base: unit vector, (0, 0, -1) when level [3].
-        angular_velocity: rad/s [3] and base_velocity: m/s [3], both in the base's frame; without
-        a base velocity it is estimated from the stance feet.
+    def step(
+        self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
+    ) -> Floats:
+        """Return joint position targets, rad [12].
+
+        time: s, of the measurements. command: vx, vy in m/s, yaw rate in rad/s [3]. base_velocity:
+        m/s [3], in the base's frame; if None, it is estimated from the stance feet.
         """
         config = self.config
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), _LONGEST_STEP)
         if self._time is None:
-            self._initial_pose = np.array(joint_position, np.float64)
+            self._initial_pose = np.array(inputs.position, np.float64)
         self._time = time
         self._elapsed += dt
-        gravity = np.asarray(gravity_in_base, dtype=np.float64)
-        spin = np.asarray(angular_velocity, dtype=np.float64)
-        legs = kinematics.forward(joint_position)
-        command = clipped(np.asarray(velocity_command, np.float64), -self._top, self._top)
-        self._command = self._limiter.advance(dt, command[None])[0]
+        gravity, spin = inputs.gravity, inputs.spin
+        legs = kinematics.forward(inputs.position)
+        asked = clipped(np.asarray(command, np.float64), -self._top, self._top)
+        self._command = self._limiter.advance(dt, asked[None])[0]
         self._estimate(legs.feet, gravity, spin, base_velocity, dt)
         self._advance_gait(legs.feet, dt)
         self._move_stance_feet(dt)

@@ -74,11 +74,6 @@ class SteadyCommand:
             )
         self._velocity = np.array(velocity, dtype=np.float64)
 
-    @classmethod
-    def parse(cls, text: str) -> 'SteadyCommand':
-        """Parse VX,VY,YAW; InputError for anything else."""
-        return cls(parse_velocity(text))
-
     def __call__(self, time: float) -> Floats:
         """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""
         return self._velocity * min(max(time - 1.0, 0.0), 1.0)

@@ -16,7 +16,7 @@ from wattwalk_core.files import together
 
 from policy_training.evaluation.evaluate import evaluate
 from policy_training.evaluation.measured_walk import recorded_walk
-from policy_training.evaluation.report import write_report
+from policy_training.evaluation.report import PARTS, write_report
 from policy_training.evaluation.tasks import parse_tasks
 from policy_training.learning.run_folder import policy_source, read_curves
 
@@ -55,7 +55,6 @@ def _named_bag(text: str) -> tuple[str, Path]:
 
 
 def _print(console: Console, result: Mapping[str, Any]) -> None:
-    parts = ('electronics', 'idle', 'HAA', 'HFE', 'KFE')
     errors = ('vx off', 'vy off', 'yaw off')
     rows = []
     for entry in result['policies']:
@@ -63,14 +62,14 @@ def _print(console: Console, result: Mapping[str, Any]) -> None:
         rows.append(
             (
                 f'{entry["name"]}, {entry["task"]}',
-                *(_number(power.get(part), 0) for part in ('supply', *parts)),
+                *(_number(power.get(part), 0) for part in ('supply', *PARTS)),
                 _number(entry['estimated_w'], 0),
                 *(_number(error, 2) for error in entry['tracking'].values()),
                 _number(entry['cost_of_transport'], 2),
                 str(entry['falls']),
             )
         )
-    columns = ('policy, task', 'supply W', *parts, 'estimated', *errors, 'CoT', 'falls')
+    columns = ('policy, task', 'supply W', *PARTS, 'estimated', *errors, 'CoT', 'falls')
     print_table(console, columns, rows)
     for sentence in result['verdict']:
         console.print(sentence)

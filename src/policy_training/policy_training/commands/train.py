@@ -37,9 +37,7 @@ def _check_device(device: str) -> None:
     kind = device.partition(':')[0]
     if kind not in ('cpu', 'cuda'):
         raise InputError(f'--device is {device!r}; give cpu or cuda')
-    if kind == 'cuda':
-        if torch.cuda.is_available():
-            return
+    if kind == 'cuda' and not torch.cuda.is_available():
         raise InputError('--device cuda: torch sees no CUDA device here; leave it out')
 
 

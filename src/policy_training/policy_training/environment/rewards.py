@@ -30,69 +30,34 @@ class RewardState:
     sigma: float  # width of the tracking rewards, (m/s)² or (rad/s)²
 
 
-def tracking_lin_vel(s: RewardState) -> Floats:
-    """Tracking of vx and vy, 0..1 [N]."""
-    error = s.command[:, :2] - s.motion.velocity[:, :2]
-    return np.asarray(np.exp(-_square_sum(error) / s.sigma))
-
-
-def tracking_ang_vel(s: RewardState) -> Floats:
-    """Tracking of the yaw rate, 0..1 [N]."""
-    error = s.command[:, 2] - s.motion.rate[:, 2]
-    return np.asarray(np.exp(-np.square(error) / s.sigma))
-
-
-def lin_vel_z(s: RewardState) -> Floats:
-    """Squared vertical velocity, m²/s² [N]."""
-    return np.square(s.motion.velocity[:, 2])
-
-
-def ang_vel_xy(s: RewardState) -> Floats:
-    """Squared roll and pitch rate, rad²/s² [N]."""
-    return _square_sum(s.motion.rate[:, :2])
-
-
-def orientation(s: RewardState) -> Floats:
-    """Squared sine of the tilt [N]."""
-    return _square_sum(s.motion.gravity[:, :2])
-
-
-def torques(s: RewardState) -> Floats:
-    """Squared torques on the joints, (N·m)² [N]."""
-    return _square_sum(s.motion.torque)
-
-
-def dof_acc(s: RewardState) -> Floats:
-    """Squared accelerations of the joints, rad²/s⁴ [N]."""
-    return _square_sum(s.acceleration)
-
-
-def feet_air_time(s: RewardState) -> Floats:
-    """Time in the air beyond the target of feet that land while walking, s [N]."""
-    return s.flight * s.walking
-
-
-def collision(s: RewardState) -> Floats:
-    """Number of thighs and shanks on the ground [N]."""
-    return s.motion.collisions
-
-
-def action_rate(s: RewardState) -> Floats:
-    """Squared change of the actions [N]."""
-    return _square_sum(s.action - s.last_action)
-
-
-def stand_still(s: RewardState) -> Floats:
-    """Distance from the default pose of robots that are to stand, rad [N]."""
-    return np.asarray(np.abs(s.motion.position - DEFAULT_POSE).sum(axis=1) * ~s.walking)
-
-
-_FUNCTIONS: Final = (
-    *(tracking_lin_vel, tracking_ang_vel, lin_vel_z, ang_vel_xy, orientation, torques, dof_acc),
-    *(feet_air_time, collision, action_rate, stand_still),
-)
 REWARDS: Final[Mapping[str, Callable[[RewardState], Floats]]] = MappingProxyType(
-    {function.__name__: function for function in _FUNCTIONS}
+    {
+        # tracking of vx and vy, and of the yaw rate, 0..1
+        'tracking_lin_vel': lambda s: np.exp(
+            -_square_sum(s.command[:, :2] - s.motion.velocity[:, :2]) / s.sigma
+        ),
+        'tracking_ang_vel': lambda s: np.exp(
+            -np.square(s.command[:, 2] - s.motion.rate[:, 2]) / s.sigma
+        ),
+        # squared vertical velocity, m²/s²
+        'lin_vel_z': lambda s: np.square(s.motion.velocity[:, 2]),
+        # squared roll and pitch rate, rad²/s²
+        'ang_vel_xy': lambda s: _square_sum(s.motion.rate[:, :2]),
+        # squared sine of the tilt
+        'orientation': lambda s: _square_sum(s.motion.gravity[:, :2]),
+        # squared torques on the joints, (N·m)²
+        'torques': lambda s: _square_sum(s.motion.torque),
+        # squared accelerations of the joints, rad²/s⁴
+        'dof_acc': lambda s: _square_sum(s.acceleration),
+        # time in the air beyond the target of feet that land while walking, s
+        'feet_air_time': lambda s: s.flight * s.walking,
+        # number of thighs and shanks on the ground
+        'collision': lambda s: s.motion.collisions,
+        # squared change of the actions
+        'action_rate': lambda s: _square_sum(s.action - s.last_action),
+        # distance from the default pose of robots that are to stand, rad
+        'stand_still': lambda s: np.abs(s.motion.position - DEFAULT_POSE).sum(axis=1) * ~s.walking,
+    }
 )
 """Functions of a state that give a reward before weighting [N], by the names of their weights."""
 

@@ -13,27 +13,24 @@ from policy_runner.policies.folder import read_folder
 from policy_runner.policies.learned import Perceptron
 from policy_runner.policies.trot import TROTS
 from power_estimator.model import PowerModel
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import GRAVITY, JOINT_TYPES
+from wattwalk_core.console import counting_bar, finite
 
 from policy_training.evaluation.gait_cycle import Cycle, cycle_of, fast_share, gait_of
 from policy_training.evaluation.measured_walk import (
     RAW_RATE,
     MeasuredWalk,
+    columns_of,
     idle_power,
     measure_walk,
 )
 from policy_training.evaluation.robustness import (
     LIMITS,
     RobustnessConfig,
-    RobustnessResult,
     evaluate_robustness,
 )
-from policy_training.evaluation.tasks import Task
-
-_AXES = ('vx', 'vy', 'yaw')
+from policy_training.evaluation.tasks import AXES, Task
 
 
 def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> list[str]:
@@ -47,7 +44,7 @@ def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> 
             if first is not None:
                 sentences.append(_compare(entry, first))
     for name, found in trials.items():
-        how = ', '.join(f'{key} {found["mean_error"][key]:.2f}' for key in _AXES)
+        how = ', '.join(f'{key} {found["mean_error"][key]:.2f}' for key in AXES)
         says = 'follows its commands' if found['following'] else 'does not follow its commands'
         sentences.append(
             f'{name} {says}: {found["falls"]} of {found["robots"]} robots fell '
@@ -63,7 +60,7 @@ def _compare(entry: Mapping[str, Any], first: Mapping[str, Any]) -> str:
         return f'{who}: nothing to compare, no steady walking.'
     astray = [
         axis
-        for axis, limit in zip(_AXES, LIMITS, strict=True)
+        for axis, limit in zip(AXES, LIMITS, strict=True)
         if abs(entry['tracking'][axis]) > limit
     ]
     here, there = entry['power_w'], first['power_w']
@@ -111,22 +108,23 @@ def score_walk(
     model, for the drives with the electronics measured; estimates has all models by joint type.
     None where nothing was steady.
     """
-    steady = walk.steady
-    tracking = _tracking(walk)
+    steady, command = walk.steady, walk.task.command
     entry: dict[str, Any] = {
         'name': walk.policy,
         'task': walk.task.name,
-        'command': dict(zip(('vx', 'vy', 'yaw'), walk.task.command, strict=True)),
+        'command': dict(zip(AXES, command, strict=True)),
         'falls': walk.falls,
         'steady_s': round(float(steady.sum() / walk.data.rate), 2),
         'power_w': None,
         'power_interval_w': {},
         'estimated_w': None,
-        'tracking': tracking,
+        'tracking': dict.fromkeys(AXES),
         'cost_of_transport': None,
     }
     if not steady.any():
         return entry
+    away = np.array(command) - walk.velocity[steady].mean(axis=0)
+    entry['tracking'] = dict(zip(AXES, away.tolist(), strict=True))
     drawn = {kind: _of_type(walk, walk.data.power[steady], kind) for kind in JOINT_TYPES}
     supply = float(walk.data.supply[steady].mean())
     electronics = supply - sum(drawn.values())
@@ -137,7 +135,7 @@ def score_walk(
         **{kind: watts - idle / len(JOINT_TYPES) for kind, watts in drawn.items()},
     }
     halves = {'supply': _half_width(walk, walk.data.supply)} | {
-        kind: _half_width(walk, walk.data.power[:, _columns(walk, kind)].sum(axis=1))
+        kind: _half_width(walk, walk.data.power[:, columns_of(walk.data, kind)].sum(axis=1))
         for kind in JOINT_TYPES
     }
     entry['power_interval_w'] = {
@@ -154,24 +152,17 @@ def score_walk(
     if models:
         entry['estimated_w'] = next(iter(entry['estimates'].values()))['drives'] + electronics
     speed = float(np.hypot(*walk.velocity[steady, :2].mean(axis=0)))
-    if speed > _WALKING and max(map(abs, walk.task.command[:2])) > _WALKING:
+    if speed > _WALKING and max(map(abs, command[:2])) > _WALKING:
         entry['cost_of_transport'] = supply / (walk.mass * GRAVITY * speed)
     entry['gait'] = asdict(gait_of(walk))
     entry['smoothness'] = _smoothness(walk)
-    return _clean(entry)
-
-
-def _tracking(walk: MeasuredWalk) -> dict[str, float | None]:
-    names = ('vx', 'vy', 'yaw')
-    if not walk.steady.any():
-        return dict.fromkeys(names)
-    away = np.array(walk.task.command) - walk.velocity[walk.steady].mean(axis=0)
-    return dict(zip(names, (float(value) for value in away), strict=True))
+    found: dict[str, Any] = finite(entry)
+    return found
 
 
 def _smoothness(walk: MeasuredWalk) -> dict[str, float]:
     raw, steady = walk.raw, walk.raw_steady
-    kfe = [i for i, name in enumerate(raw.names) if name.endswith('KFE')]
+    kfe = columns_of(raw, 'KFE')
     torque = raw.torque[steady].astype(np.float64)
     velocity = raw.velocity[steady].astype(np.float64)
     jumps = np.abs(np.diff(raw.command.astype(np.float64), axis=0)).sum(axis=0) * RAW_RATE
@@ -184,12 +175,8 @@ def _smoothness(walk: MeasuredWalk) -> dict[str, float]:
     }
 
 
-def _columns(walk: MeasuredWalk, kind: str) -> list[int]:
-    return [i for i, name in enumerate(walk.data.names) if name.endswith(kind)]
-
-
 def _of_type(walk: MeasuredWalk, power: NDArray[np.floating], kind: str) -> float:
-    return float(np.nanmean(power[:, _columns(walk, kind)], axis=0).sum())
+    return float(np.nanmean(power[:, columns_of(walk.data, kind)], axis=0).sum())
 
 
 def _half_width(walk: MeasuredWalk, power: NDArray[np.floating]) -> float | None:
@@ -202,15 +189,6 @@ def _half_width(walk: MeasuredWalk, power: NDArray[np.floating]) -> float | None
     if len(means) < _FEWEST:
         return None
     return _NORMAL_90 * float(means.std(ddof=1)) / len(means) ** 0.5
-
-
-def _clean(value: Any) -> Any:
-    """Return content with None for NaN, which JSON lacks."""
-    if isinstance(value, dict):
-        return {key: _clean(item) for key, item in value.items()}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def evaluate(
@@ -229,13 +207,7 @@ def evaluate(
     entries: list[dict[str, Any]] = []
     cycles: dict[str, dict[str, Cycle]] = {}
     trials: dict[str, Any] = {}
-    bar = Progress(
-        TextColumn('{task.description}'),
-        BarColumn(),
-        TextColumn('{task.completed:.0f} of {task.total:.0f}'),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-    )
+    bar = counting_bar(elapsed=True)
 
     def add(walk: MeasuredWalk, name: str) -> None:
         entries.append({**score_walk(walk, idle, models), 'name': name})
@@ -274,7 +246,7 @@ def evaluate(
                 bar.update(work, description=f'{name}: {options.trials} robots')
                 found = _robustness(source, options)
                 if found is not None:
-                    trials[name] = found.content()
+                    trials[name] = found
                 bar.advance(work)
     result = {
         'plant': plant.name,
@@ -288,11 +260,11 @@ def evaluate(
     return result, cycles
 
 
-def _robustness(source: str, options: argparse.Namespace) -> RobustnessResult | None:
+def _robustness(source: str, options: argparse.Namespace) -> dict[str, Any] | None:
     """Return the robustness of a learned policy; None for a scripted one or a TorchScript file."""
     if source in TROTS or Path(source).is_file():
         return None
     contract, tensors = read_folder(learned_folder(source))
     network = Perceptron(tensors, contract.network.activation)
     config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed, plant=options.plant)
-    return evaluate_robustness(contract, network, config, threads=options.threads)
+    return asdict(evaluate_robustness(contract, network, config, threads=options.threads))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_NAMES
 from wattwalk_core.arrays import Bools, Floats
 
-from policy_training.evaluation.measured_walk import RAW_RATE, MeasuredWalk
+from policy_training.evaluation.measured_walk import RAW_RATE, MeasuredWalk, columns_of
 
 PHASES: Final = 100
 _LOADED, _LIFTED = 40.0, 10.0  # N: a foot touches down above the one and lifts off below the other
@@ -18,14 +18,6 @@ _LONGEST = 2.5  # s
 _IMPACT = 0.05  # s after touch-down
 _FAST = 20.0  # Hz, above which content is not the gait's
 _TINY = 1e-12
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Stance and strides of one foot, by index of the raw samples."""
-
-    stance: Bools  # [R]
-    strides: tuple[tuple[int, int, int], ...]  # touch-down, lift-off, next touch-down
 
 
 @dataclass(frozen=True)
@@ -51,8 +43,11 @@ class Cycle:
     high: dict[str, Floats]
 
 
-def find_steps(force: Floats, steady: Bools) -> Steps:
-    """Return the strides of one foot from its force, N [R], wholly in steady walking [R]."""
+def find_steps(force: Floats, steady: Bools) -> list[tuple[int, int, int]]:
+    """Return the strides of one foot from its force, N [R], wholly in steady walking [R].
+
+    A stride is the indices of touch-down, lift-off and the next touch-down.
+    """
     stance = np.empty(len(force), bool)
     standing = bool(force[0] > _LOADED)
     for index, value in enumerate(force.tolist()):
@@ -67,13 +62,16 @@ def find_steps(force: Floats, steady: Bools) -> Steps:
         whole = bool(steady[start:stop].all())
         if whole and len(lifted) == 1 and _SHORTEST <= length <= _LONGEST:
             strides.append((start, int(lifted[0]), stop))
-    return Steps(stance, tuple(strides))
+    return strides
 
 
 def gait_of(walk: MeasuredWalk) -> Gait:
     """Return times and impacts of a walk's steady part."""
-    steps = [find_steps(force, walk.raw_steady) for force in walk.foot_force.T]
-    strides = [(leg, *stride) for leg, found in enumerate(steps) for stride in found.strides]
+    strides = [
+        (leg, *stride)
+        for leg, force in enumerate(walk.foot_force.T)
+        for stride in find_steps(force, walk.raw_steady)
+    ]
     if not strides:
         nan = float('nan')
         return Gait(nan, nan, nan, nan, loudness(walk), 0)
@@ -102,13 +100,13 @@ def loudness(walk: MeasuredWalk) -> float:
     return float(10.0 * np.log10(np.square(rate / 1e3).sum(axis=1).mean() + _TINY))
 
 
-def cycle_of(walk: MeasuredWalk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
-    """Return the mean cycle of one leg, for the drive of one joint; None below 3 strides."""
-    foot = FOOT_NAMES.index(f'{leg}_FOOT')
-    steps = find_steps(walk.foot_force[:, foot], walk.raw_steady)
-    if len(steps.strides) < 3:
+def cycle_of(walk: MeasuredWalk) -> Cycle | None:
+    """Return the mean cycle of the leg LF, for the drive LF_KFE; None below 3 strides."""
+    foot = FOOT_NAMES.index('LF_FOOT')
+    strides = find_steps(walk.foot_force[:, foot], walk.raw_steady)
+    if len(strides) < 3:
         return None
-    raw, column = walk.raw, walk.raw.names.index(f'{leg}_{joint}')
+    raw, column = walk.raw, walk.raw.names.index('LF_KFE')
     signals: dict[str, NDArray[np.floating]] = {
         'torque': raw.torque[:, column],
         'velocity': raw.velocity[:, column],
@@ -117,26 +115,25 @@ def cycle_of(walk: MeasuredWalk, leg: str = 'LF', joint: str = 'KFE') -> Cycle |
         'foot_force': walk.foot_force[:, foot],
     }
     phase = np.linspace(0.0, 1.0, PHASES)
-    mean: dict[str, Floats] = {}
-    low: dict[str, Floats] = {}
-    high: dict[str, Floats] = {}
-    for name, values in signals.items():
-        rows = np.stack(
-            [
-                np.interp(phase, np.linspace(0.0, 1.0, stop - start + 1), values[start : stop + 1])
-                for start, _, stop in steps.strides
-            ]
-        )
-        mean[name] = rows.mean(axis=0)
-        low[name], high[name] = np.quantile(rows, (0.1, 0.9), axis=0)
-    stance = np.mean([(up - down) / (then - down) for down, up, then in steps.strides])
+    rows = {
+        name: [
+            np.interp(phase, np.linspace(0.0, 1.0, stop - start + 1), values[start : stop + 1])
+            for start, _, stop in strides
+        ]
+        for name, values in signals.items()
+    }
+    mean = {name: np.mean(cycles, axis=0) for name, cycles in rows.items()}
+    low, high = (
+        {name: np.quantile(cycles, share, axis=0) for name, cycles in rows.items()}
+        for share in (0.1, 0.9)
+    )
+    stance = np.mean([(up - down) / (then - down) for down, up, then in strides])
     return Cycle(phase, float(stance), mean, low, high)
 
 
-def fast_share(walk: MeasuredWalk, joint: str = 'KFE') -> float:
-    """Return the share of torque variance above 20 Hz of a joint type; NaN if not steady."""
-    columns = [i for i, name in enumerate(walk.raw.names) if name.endswith(joint)]
-    rows = walk.raw.torque[walk.raw_steady][:, columns].astype(np.float64)
+def fast_share(walk: MeasuredWalk) -> float:
+    """Return the share of torque variance above 20 Hz of the KFEs; NaN if not steady."""
+    rows = walk.raw.torque[walk.raw_steady][:, columns_of(walk.raw, 'KFE')].astype(np.float64)
     if len(rows) < round(RAW_RATE):
         return float('nan')
     spectrum = np.abs(np.fft.rfft(rows - rows.mean(axis=0), axis=0)) ** 2

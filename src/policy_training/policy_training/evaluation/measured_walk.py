@@ -115,6 +115,11 @@ def recorded_walk(path: Path, policy: str) -> MeasuredWalk:
     return walk_of(recording, policy, task, falls=_falls(recording), mass=ROBOT_MASS)
 
 
+def columns_of(data: AlignedDataset, kind: str) -> list[int]:
+    """Return the columns of the drives of a joint type, such as `KFE`."""
+    return [i for i, name in enumerate(data.names) if name.endswith(kind)]
+
+
 def idle_power(plant: Plant, duration: float = 0.5) -> float:
     """Return the power of the twelve drives at rest, W, at the meter's terminals."""
     total = 0.0

@@ -36,11 +36,6 @@ _CURVES: Final = {
 }
 
 
-def _color_of(policies: Iterable[str]) -> dict[str, str]:
-    """Colour of each policy, the same in all figures of the page."""
-    return dict(zip(dict.fromkeys(policies), repeat(_POLICY_COLORS)))
-
-
 def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
     """Measured power by parts, a bar for each policy and task, with the estimates."""
     shown = [entry for entry in entries if entry['power_w']]
@@ -220,7 +215,8 @@ def write_report(
     result: as in its JSON. cycles: by task, then by policy. curves: of training, by policy.
     """
     entries = result['policies']
-    color_of = _color_of([*(entry['name'] for entry in entries), *result['trials'], *curves])
+    policies = dict.fromkeys([*(e['name'] for e in entries), *result['trials'], *curves])
+    color_of = dict(zip(policies, repeat(_POLICY_COLORS)))  # the same in all figures
     title = 'Power and gait of the policies'
     page = Page(title, [f'<h1>{escape(title)}</h1>'])
     for sentence in result['verdict']:

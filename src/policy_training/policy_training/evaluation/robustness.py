@@ -1,8 +1,7 @@
 """Robustness evaluation: many robots on rough ground, pushed, under changing commands."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Final
+from dataclasses import dataclass
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from wattwalk_core.schema import CheckedFields, Quantity
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
+from policy_training.evaluation.tasks import AXES
 
 LIMITS: Final = (0.15, 0.15, 0.2)  # m/s, m/s, rad/s, mean tracking errors of a policy that walks
 _SETTLED: Final = 2.0  # s after a new command that do not count
@@ -51,10 +51,6 @@ class RobustnessResult:
     error_95: dict[str, float]
     following: bool  # no falls, and mean errors within 0.15 m/s and 0.2 rad/s
 
-    def content(self) -> dict[str, Any]:
-        """Return keys and values for JSON."""
-        return asdict(self)
-
 
 def evaluate_robustness(
     contract: Contract,
@@ -62,12 +58,10 @@ def evaluate_robustness(
     config: RobustnessConfig,
     *,
     threads: int = 0,
-    progress: Callable[[float], None] | None = None,
 ) -> RobustnessResult:
     """Evaluate a learned policy with the noise, spread of drives, delays and pushes of training.
 
-    progress: called with the share that is done. InputError for a policy whose joints, pose or
-    scale differ from those of training.
+    InputError for a policy whose joints, pose or scale differ from those of training.
     """
     environment = WalkingEnvironment(
         rough_world(config, threads).with_values({'action_scale': _scale_of(contract)}),
@@ -87,8 +81,6 @@ def evaluate_robustness(
         fell[index] = outcome.done & ~outcome.timed_out
         motion = environment.motion
         reached[index] = np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
-        if progress is not None:
-            progress((index + 1) / count)
     pushed = np.zeros_like(fell)
     every = round(environment.config.random.push_period / step)
     pushed[every - 1 :: every] = True
@@ -154,7 +146,6 @@ def _judge(
                 away = commands[rows, robot] - reached[rows, robot]
                 errors.append(away.mean(axis=0))
     size = np.abs(np.array(errors)) if errors else np.full((1, 3), np.nan)
-    names = ('vx', 'vy', 'yaw')
     mean, high = size.mean(axis=0), np.quantile(size, 0.95, axis=0)
     falls = int(fell.any(axis=0).sum())
     chance = binomtest(falls, config.robots).proportion_ci(method='wilson')
@@ -163,8 +154,8 @@ def _judge(
         seconds=config.seconds,
         falls=falls,
         fell_95=(float(chance.low), float(chance.high)),
-        mean_error=dict(zip(names, map(float, mean), strict=True)),
-        error_95=dict(zip(names, map(float, high), strict=True)),
+        mean_error=dict(zip(AXES, map(float, mean), strict=True)),
+        error_95=dict(zip(AXES, map(float, high), strict=True)),
         following=falls == 0 and bool((mean <= LIMITS).all()),
     )
 

@@ -10,6 +10,8 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 SETTLE: Final = 1.0  # s of standing first
+AXES: Final = ('vx', 'vy', 'yaw')
+"""Names of the parts of a velocity command."""
 
 
 @dataclass(frozen=True)

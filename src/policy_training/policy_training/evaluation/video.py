@@ -25,12 +25,13 @@ from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
+from policy_training.evaluation.measured_walk import columns_of
+
 _WINDOW: Final = 2.0  # s of power in view
 _MEAN: Final = 0.6  # s, about a stride, of the numbers
 _ROBOT: Final = (400, 480)  # pixels, height and width
 _COLOURS: Final = {'HAA': '#0072b2', 'HFE': '#d55e00', 'KFE': '#009e73'}  # Okabe-Ito
 _PLACES: Final = {'HAA': 'hip, sideways', 'HFE': 'hip, forward', 'KFE': 'knee'}
-SUFFIXES: Final = ('.webp', '.gif')
 Image = NDArray[np.uint8]
 
 
@@ -103,12 +104,7 @@ def _robot_images(qpos: Floats) -> Iterator[Image]:
 
 def _by_type(data: AlignedDataset, power: Singles) -> dict[str, Floats]:
     """Return the power of the drives of each type, W [T, 4]."""
-    return {
-        kind: power[:, [i for i, name in enumerate(data.names) if name.endswith(kind)]].astype(
-            np.float64
-        )
-        for kind in _COLOURS
-    }
+    return {kind: power[:, columns_of(data, kind)].astype(np.float64) for kind in _COLOURS}
 
 
 class _Panels:

@@ -11,6 +11,7 @@ import torch
 from policy_runner.policies.by_name import EXPORTED, POLICIES
 from torch.utils.tensorboard import SummaryWriter
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
 from wattwalk_core.tensors import read_state
 
 from policy_training.config import TrainingConfig
@@ -52,7 +53,8 @@ class RunFolder:
             raise InputError(f'{self.path} holds no run to resume')
         config = TrainingConfig.load(self.path / CONFIG)
         state = read_checkpoint(self.path)
-        self._drop_curves_after(int(state['iteration']))
+        rows = [row for row in read_curves(self.path) if row['iteration'] <= state['iteration']]
+        write_whole(self.path / CURVES, ''.join(json.dumps(row) + '\n' for row in rows))
         return config, state
 
     def add(self, iteration: int, steps: int, values: Mapping[str, float]) -> None:
@@ -78,16 +80,6 @@ class RunFolder:
         """Close TensorBoard's writer, which writes its last events; nothing if none was begun."""
         if self._events is not None:
             self._events.close()
-
-    def curves(self) -> list[dict[str, float]]:
-        """Return all rows so far, in order."""
-        return read_curves(self.path)
-
-    def _drop_curves_after(self, iteration: int) -> None:
-        rows = [row for row in self.curves() if row['iteration'] <= iteration]
-        part = self.path / f'{CURVES}.part'
-        part.write_text(''.join(json.dumps(row) + '\n' for row in rows), encoding='utf-8')
-        os.replace(part, self.path / CURVES)
 
 
 def read_curves(run: Path) -> list[dict[str, float]]:

@@ -14,16 +14,15 @@ from policy_runner.policies.folder import (
     write_folder,
 )
 from policy_runner.policies.observations import Observation
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
+from wattwalk_core.console import counting_bar
 
 import policy_training
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import ACTION_CLIP, WalkingEnvironment
 from policy_training.environment.power_source import power_source
 from policy_training.learning.learner import Learner, Round
-from policy_training.learning.run_folder import RunFolder
+from policy_training.learning.run_folder import RunFolder, read_curves
 
 Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
 
@@ -72,18 +71,10 @@ def train(
     folder: RunFolder,
     *,
     seconds: float | None = None,
-    console: Console | None = None,
 ) -> None:
     """Train to the end of the config, or for some seconds; save curves, checkpoint and policy."""
     config = learner.config
-    terminal = Console(stderr=True) if console is None else console
-    bar = Progress(
-        TextColumn('{task.description}'),
-        BarColumn(),
-        TextColumn('{task.completed:.1f} of {task.total:.1f} M steps'),
-        TimeRemainingColumn(),
-        console=terminal,
-    )
+    bar = counting_bar('M steps', digits=1)
 
     def report(done: Round) -> None:
         folder.add(done.iteration, done.steps, done.values)
@@ -96,12 +87,12 @@ def train(
         try:
             learner.run(config.iterations, report, seconds=seconds)
         except KeyboardInterrupt:
-            terminal.print(f'stopped; --resume -o {folder.path} goes on')
+            bar.console.print(f'stopped; --resume -o {folder.path} goes on')
             raise
         finally:
             folder.save(learner.checkpoint())
             folder.close()
-    rows = folder.curves()
+    rows = read_curves(folder.path)
     export_policy(
         folder.policy,
         learner.actor_layers(),
@@ -117,7 +108,7 @@ def train(
             'last_round': rows[-1] if rows else {},
         },
     )
-    terminal.print(f'wrote {folder.policy}')
+    bar.console.print(f'wrote {folder.policy}')
 
 
 def _headline(config: TrainingConfig, done: Round) -> str:

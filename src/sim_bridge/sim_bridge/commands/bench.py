@@ -6,10 +6,10 @@ from drive_bench.motion.file import Load, find_motion
 from drive_bench.motion.segment_path import Mounting
 from wattwalk_core.errors import InputError
 
-from sim_bridge.commands.sim import load_plant
 from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_output
-from sim_bridge.offline.motions import MotionController, bench_motion
+from sim_bridge.offline.motions import MotionController
 from sim_bridge.offline.run import OfflineRun, write_bag
+from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.world import Stand, stand_world
 from sim_bridge.sensors.sensors import DeviceClock
 
@@ -25,18 +25,11 @@ def _stand(options: argparse.Namespace) -> Stand:
 
 def run(options: argparse.Namespace) -> None:
     """Simulate a motion on the stand and write its bag, with options as of `bench`."""
-    find_motion(options.motion, options.mode)
-    plant, stand = load_plant(options.plant, options.unit), _stand(options)
+    wanted = find_motion(options.motion, options.mode)
+    plant, stand = Plant.load(options.plant, options.unit), _stand(options)
     pull = Load(stand.mass, stand.length).pull
-    wanted = bench_motion(
-        options.motion,
-        options.mode,
-        amplitude=options.amplitude,
-        frequency=options.frequency,
-        seconds=options.duration,
-        pull=pull,
-    )
-    motion = MotionController(wanted, Mounting(pull))
+    changed = wanted.changed(options.amplitude, options.frequency, options.duration)
+    motion = MotionController(changed.with_pull(pull), Mounting(pull))
     world = stand_world(options.drive, stand)
     analyser = None
     if options.analyser is not None:

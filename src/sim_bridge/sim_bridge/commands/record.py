@@ -13,7 +13,6 @@ from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.arguments import SECONDS, SEED
-from sim_bridge.commands.sim import load_plant
 from sim_bridge.offline.history import record_history
 from sim_bridge.offline.run import run_offline
 from sim_bridge.plant.ageing import AgeingPlan
@@ -77,10 +76,10 @@ def record(
     plan: RecordingPlan,
     folder: Path,
     seconds: float,
-    plant: str = 'anymal_c',
+    plant: str,
     *,
-    loaded: Plant | None = None,
-    progress: bool = True,
+    loaded: Plant,
+    progress: bool,
 ) -> bool:
     """Make one recording in a folder; return False if it is there already, complete.
 
@@ -106,13 +105,12 @@ def record(
                 )
         if 'plan' in found:
             return False
-    known = load_plant(plant, None) if loaded is None else loaded
     folder.mkdir(parents=True, exist_ok=True)
     run_offline(
         bag,
         duration=seconds,
         seed=plan.seed,
-        plant=known if plan.unit is None else known.unit(plan.unit),
+        plant=loaded if plan.unit is None else loaded.unit(plan.unit),
         controller=plan.controller,
         terrain=plan.terrain,
         pushes=plan.pushes,
@@ -149,7 +147,7 @@ def run(options: argparse.Namespace) -> int:
         folder=options.output.absolute(),
         seconds=seconds,
         plant=options.plant,
-        loaded=load_plant(options.plant, None),
+        loaded=Plant.load(options.plant),
         progress=not place.scheduler and place.processes(len(wanted)) == 1,
     )
     with TaskEngine(place) as engine:

@@ -11,12 +11,6 @@ from sim_bridge.offline.run import run_offline
 from sim_bridge.plant.parameters import Plant
 
 
-def load_plant(source: str, unit: int | None) -> Plant:
-    """Load a plant by file or name, as unit `unit` unless None; InputError if unknown."""
-    plant = Plant.load(source)
-    return plant if unit is None else plant.unit(unit)
-
-
 def run(options: argparse.Namespace) -> int:
     """Run the node until Ctrl-C, or with --offline write a bag; return the exit status."""
     if options.offline:
@@ -42,7 +36,7 @@ def _offline(options: argparse.Namespace) -> int:
     given['drives'] = None if options.drives is None else tuple(options.drives.split(','))
     if options.velocity is not None:
         given['velocity'] = parse_velocity(options.velocity, '--velocity')
-    plant = load_plant(options.plant, options.unit)
+    plant = Plant.load(options.plant, options.unit)
     if options.controller != 'stand':
         load_policy(options.controller, trust_code=options.trust_code)
     path = run_offline(options.output, plant=plant, progress=True, **given)

@@ -16,7 +16,6 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from wattwalk_core.anymal import JOINT_NAMES
-from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import FaultLog, Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
@@ -163,18 +162,14 @@ class SimNode(Node):
     def _push(self) -> tuple[bool, str]:
         if not self.plant.simulation.world.floating:
             return False, 'a drive on a stand cannot be pushed'
-        velocity = self._push_velocity()
+        speed, direction = (float(self.get_parameter(name).value) for name, _, _ in _PUSH)
+        heading = radians(direction)
+        ahead = np.array([cos(heading), sin(heading), 0.0])
+        velocity = speed * ahead if speed != 0.0 else random_push(self._random)
         self.plant.push(velocity)
         message = f'pushed by {velocity[0]:+.2f}, {velocity[1]:+.2f} m/s'
         self.get_logger().info(message)
         return True, message
-
-    def _push_velocity(self) -> Floats:
-        speed, direction = (float(self.get_parameter(name).value) for name, _, _ in _PUSH)
-        if speed == 0.0:
-            return random_push(self._random)
-        heading = radians(direction)
-        return speed * np.array([cos(heading), sin(heading), 0.0])
 
     def _reset(self) -> tuple[bool, str]:
         self.plant.reset()

@@ -33,11 +33,9 @@ class Controller(Protocol):
 
     def command(self, simulation: Simulation) -> JointCommand:
         """Return the command to hold from now on."""
-        ...
 
     def reset(self) -> None:
         """Reset, after a fall."""
-        ...
 
 
 class PolicyWalk:

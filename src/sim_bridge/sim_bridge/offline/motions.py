@@ -1,31 +1,13 @@
 """Motion files on the simulated stand: one drive, commanded at 400 Hz."""
 
 import numpy as np
-from drive_bench.motion.file import MotionFile, find_motion
+from drive_bench.motion.file import MotionFile
 from drive_bench.motion.plan import SegmentPlayer
 from drive_bench.motion.segment_path import Mounting, Ramps
 from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import Simulation
-
-
-def bench_motion(
-    wanted: str,
-    mode: str | None = None,
-    *,
-    amplitude: float | None = None,
-    frequency: float | None = None,
-    seconds: float | None = None,
-    pull: float = 0.0,
-) -> MotionFile:
-    """Load a motion by shipped name or file, with changes; InputError for an invalid one.
-
-    mode: `position`, `velocity` or `torque`, as the motion has it; its first if None. amplitude:
-    in the mode's unit; frequency: Hz; seconds: of each segment with an amplitude. pull: largest
-    torque of the load's weight, N·m.
-    """
-    return find_motion(wanted, mode).changed(amplitude, frequency, seconds).with_pull(pull)
 
 
 class MotionController:

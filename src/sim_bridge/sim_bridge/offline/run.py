@@ -15,10 +15,9 @@ from power_recordings.messages import cdr
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter, MessageBlock
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from wattwalk_core.anymal import FOOT_NAMES
 from wattwalk_core.command import DeferredSignals, Interrupted
+from wattwalk_core.console import counting_bar
 from wattwalk_core.errors import InputError
 
 import sim_bridge
@@ -257,19 +256,12 @@ def run_offline(
 
 def write_bag(
     output: Path, run: OfflineRun, card: Card, *, overwrite: bool = False, progress: bool = False
-) -> tuple[Event, ...]:
-    """Write a run and its card; return falls and pushes, which are also in `diagnostics`.
+) -> None:
+    """Write a run and its card; falls and pushes are in `diagnostics`.
 
     SIGINT and SIGTERM end it with a closed bag whose card says so; then Interrupted is raised.
     """
-    events: list[Event] = []
-    bar = Progress(
-        TextColumn('{task.description}'),
-        BarColumn(),
-        TextColumn('{task.completed:.0f} of {task.total:.0f} s'),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-    )
+    bar = counting_bar('s')
     with (
         DeferredSignals() as signals,
         BagWriter(output, overwrite=overwrite) as bag,
@@ -279,7 +271,6 @@ def write_bag(
         topics = BagTopics(bag, run.joints, run.drives, run.bus.device)
         for telemetry in run:
             topics.write(telemetry)
-            events += telemetry.events
             bar.advance(task, 0.5)
             for event in telemetry.events:
                 if progress and event.kind == 'fall':
@@ -293,7 +284,6 @@ def write_bag(
     card.save(output)
     if number is not None:
         raise Interrupted(number, f'ended by {ended}; {output} is closed, incomplete')
-    return tuple(events)
 
 
 def simulate_recording(run: OfflineRun) -> Recording:

@@ -103,7 +103,6 @@ class AgeingPlan:
     drives: Annotated[tuple[str, ...], Length(1)] = JOINT_NAMES
 
     def __post_init__(self) -> None:
-
         try:
             date.fromisoformat(self.start)
         except ValueError:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wattwalk_core.anymal import POSITION_GAIN, VELOCITY_GAIN
 from wattwalk_core.arrays import Floats
 
-from sim_bridge.plant.drive_steps import drive_step, friction_torque
+from sim_bridge.plant.drive_steps import drive_step
 from sim_bridge.plant.parameters import Plant
 
 SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
@@ -32,38 +32,26 @@ class JointCommand:
     effort: Floats | None = None
 
 
-class Friction:
-    """Friction between motor and joint, smooth through standstill.
+def friction_table(plant: Plant, p: dict[str, Floats], step: float) -> Floats:
+    """Return the table of friction between motor and joint [11, D], smooth through standstill.
 
     Dry friction sets in as a hyperbolic tangent of speed, the Stribeck part fades as the inverse
     square of 1 + (w/ws)², grease thins with speed, and the part that grows with load is stronger
     when the motor drives the joint than when the joint drives the motor.
     """
-
-    def __init__(self, plant: Plant, parameters: dict[str, Floats], step: float) -> None:
-        p, effects = parameters, plant.effects
-        self._coulomb = p['coulomb'] * effects.coulomb_friction.scale
-        self._stribeck = p['stribeck'] * effects.stribeck_friction.scale
-        self._viscous = p['viscous'] * effects.viscous_friction.scale
-        self._load = p['load_friction'] * effects.load_friction.scale
-        self._rub = p['rub'] * effects.position_rub.scale
-        self._asymmetry = self._load * p['load_asymmetry']
-        self._angle, self._width = p['rub_angle'], p['rub_width']
-        self._thin = 1.0 / p['shear_velocity']
-        self._fade = 1.0 / p['stribeck_velocity']
-        rotor = p['rotor_inertia'] * effects.rotor_inertia.scale
-        link = 0.0 if effects.spring.enabled else _LINK_INERTIA
-        dry = self._coulomb + self._stribeck + self._rub + self._load * p['torque_limit'] / 4
-        self._slope = 1.0 / np.maximum(
-            p['presliding_velocity'], step * dry / (_STABLE * (rotor + link))
-        )
-        rows = [self._coulomb, self._stribeck, self._viscous, self._load, self._asymmetry]
-        rows += [self._rub, self._angle, self._width, self._slope, self._fade, self._thin]
-        self.table = np.array(rows)
-
-    def torque(self, position: Floats, velocity: Floats, motor: Floats, out: Floats) -> None:
-        """Write the drag on the motor at one instant, N·m [D], to out."""
-        friction_torque(self.table, position, velocity, motor, out)
+    effects = plant.effects
+    coulomb = p['coulomb'] * effects.coulomb_friction.scale
+    stribeck = p['stribeck'] * effects.stribeck_friction.scale
+    viscous = p['viscous'] * effects.viscous_friction.scale
+    load = p['load_friction'] * effects.load_friction.scale
+    rub = p['rub'] * effects.position_rub.scale
+    rotor = p['rotor_inertia'] * effects.rotor_inertia.scale
+    link = 0.0 if effects.spring.enabled else _LINK_INERTIA
+    dry = coulomb + stribeck + rub + load * p['torque_limit'] / 4
+    slope = 1.0 / np.maximum(p['presliding_velocity'], step * dry / (_STABLE * (rotor + link)))
+    rows = [coulomb, stribeck, viscous, load, load * p['load_asymmetry']]
+    rows += [rub, p['rub_angle'], p['rub_width'], slope]
+    return np.array([*rows, 1.0 / p['stribeck_velocity'], 1.0 / p['shear_velocity']])
 
 
 @dataclass(frozen=True)
@@ -100,7 +88,7 @@ class Drives:
         self.parameters = p
         self._signals = np.zeros((6, block, len(names)))
         self.trace = Trace(*self._signals)
-        self.friction = Friction(plant, p, step)
+        self.friction = friction_table(plant, p, step)
         self.inertia: Floats = p['rotor_inertia'] * effects.rotor_inertia.scale
         self.elastic = effects.spring.enabled
         self.stiffness: Floats = p['spring_stiffness'] / max(effects.spring.strength, 1e-3)
@@ -174,7 +162,7 @@ class Drives:
         while self._pending and self._pending[0][0] <= self._count:
             self._held[:3] = self._pending.popleft()[1]
         drive_step(
-            self.friction.table,
+            self.friction,
             self._table,
             self._held,
             position,

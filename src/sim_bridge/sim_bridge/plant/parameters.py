@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Quantity, check, parse, schema
-from wattwalk_core.yaml_file import read_yaml, shipped_file
+from wattwalk_core.yaml_file import dump_yaml, read_yaml, shipped_file
 
 from sim_bridge.plant.wear import apply_wear, check_wear
 
@@ -334,10 +333,14 @@ class Plant:
         return values
 
     @classmethod
-    def load(cls, source: Path | str) -> 'Plant':
-        """Read a plant file, or a shipped plant by name; InputError says what is wrong in it."""
+    def load(cls, source: Path | str, unit: int | None = None) -> 'Plant':
+        """Read a plant file, or a shipped plant by name; InputError says what is wrong in it.
+
+        unit: which unit of it, that of the file if None.
+        """
         path = shipped_file(source, PLANTS, 'plant')
-        return cls.parse(read_yaml(path, 'plant'), f'plant {path}')
+        plant = cls.parse(read_yaml(path, 'plant'), f'plant {path}')
+        return plant if unit is None else plant.unit(unit)
 
     @classmethod
     def parse(cls, values: object, where: str = 'plant') -> 'Plant':
@@ -348,7 +351,7 @@ class Plant:
 
     def save(self, path: Path) -> None:
         """Write a file that `load` reads back as an equal plant, in place of an old one."""
-        write_whole(path, yaml.safe_dump(asdict(self), sort_keys=False))
+        write_whole(path, dump_yaml(asdict(self)))
 
 
 class _Draw:

@@ -66,13 +66,14 @@ class Simulation:
     Results do not depend on how a run is cut into blocks.
     """
 
-    def __init__(self, plant: Plant, world: World, *, capacity: int = 400) -> None:
-        """Make a simulation; capacity: most steps per block. InputError for an unknown type."""
+    capacity = 400  # steps of a block at most
+
+    def __init__(self, plant: Plant, world: World) -> None:
+        """Make a simulation; InputError for an unknown type of drive."""
         self.plant = plant
         self.world = replace(world, model=copy(world.model))
         self.steps = 0
-        self.capacity = capacity
-        joints = len(world.joints)
+        capacity, joints = self.capacity, len(world.joints)
         self.drives = Drives(plant, world.joints, STEP, capacity)
         self.circuit = Circuit(plant, world.joints, self.drives.parameters)
         self.bus = Bus(plant, self.drives.parameters, STEP)

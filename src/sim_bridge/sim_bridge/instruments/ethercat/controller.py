@@ -5,7 +5,6 @@ machine), as far as a master needs them to bring a slave with inputs to OP. Not 
 distributed clocks, outputs, watchdogs, interrupts, hot-connect groups.
 """
 
-from collections.abc import Mapping
 from enum import IntEnum
 from typing import Final
 
@@ -123,8 +122,8 @@ class SlaveController:
     def _get(self, address: int, size: int = 2) -> int:
         return int.from_bytes(self.memory[address : address + size], 'little')
 
-    def _set(self, address: int, value: int, size: int = 2) -> None:
-        self.memory[address : address + size] = int(value).to_bytes(size, 'little')
+    def _set(self, address: int, value: int) -> None:
+        self.memory[address : address + 2] = int(value).to_bytes(2, 'little')
 
     def _manager(self, number: int) -> tuple[int, int, bool]:
         """Return start, length and activation of a sync manager."""
@@ -191,15 +190,10 @@ class SlaveController:
 
     def _objection(self, before: int, wanted: int) -> int:
         """Return the AL status code that refuses a change of state; 0 if it is allowed."""
-        order: Mapping[int, int] = {
-            SlaveState.INIT: 0,
-            SlaveState.PREOP: 1,
-            SlaveState.SAFEOP: 2,
-            SlaveState.OP: 3,
-        }
+        order: list[int] = [SlaveState.INIT, SlaveState.PREOP, SlaveState.SAFEOP, SlaveState.OP]
         if wanted not in order:
             return _UNKNOWN_STATE
-        if order[wanted] > order[before] + 1:
+        if order.index(wanted) > order.index(before) + 1:
             return _INVALID_CHANGE
         has_mailbox = self.mailbox(b'') is not None
         if wanted == SlaveState.PREOP and before == SlaveState.INIT and has_mailbox:
@@ -215,10 +209,8 @@ class SlaveController:
 
     def _logical(self, command: int, address: int, data: bytearray) -> int:
         """Return the working counter: 1 for a read of inputs, since there are no outputs."""
-        if command == DatagramCommand.LWR or self.state & 0x0F not in (
-            SlaveState.SAFEOP,
-            SlaveState.OP,
-        ):
+        exchanges = self.state & 0x0F in (SlaveState.SAFEOP, SlaveState.OP)
+        if command == DatagramCommand.LWR or not exchanges:
             return 0
         hit = False
         for number in range(8):
