@@ -20,7 +20,7 @@ from wattwalk_core.errors import printable
 
 from wattwalk_bringup.node_group import RunningNode, started
 from wattwalk_bringup.node_set import commands
-from wattwalk_bringup.settings import BringupSettings
+from wattwalk_bringup.settings import BringupSettings, as_text
 
 Display = Callable[[Sequence[RunningNode]], None]
 
@@ -74,7 +74,7 @@ _PERIOD = 0.25  # s
 
 def run(options: argparse.Namespace) -> int:
     """Run all nodes until Ctrl-C, the end of the duration or of a node; 1 if one failed."""
-    given = {name: text for name, text in vars(options).items() if text is not None}
+    given = {name: as_text(own) for name, own in vars(options).items() if own is not None}
     settings = BringupSettings.load(given.pop('config')).changed(given)
     wanted = commands(settings)
     folder = Path(tempfile.mkdtemp(prefix='wattwalk_live_'))
