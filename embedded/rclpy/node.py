@@ -158,8 +158,7 @@ class Node(Parameters):
     def _add(self, entity: Any) -> Any:
         self._entities[type(entity)].append(entity)
         self._note(entity, True)
-        if self._executor is not None:
-            self._executor.wake(changed=True)
+        self._wake(changed=True)
         return entity
 
     def _note(self, entity: Any, added: bool) -> None:
@@ -243,9 +242,9 @@ class Node(Parameters):
         timer._wake = self._wake
         return self._add(timer)
 
-    def _wake(self) -> None:
+    def _wake(self, changed: bool = False) -> None:
         if self._executor is not None:
-            self._executor.wake()
+            self._executor.wake(changed)
 
     def create_service(
         self,

@@ -1,6 +1,7 @@
 """Quality of service: profiles and policies."""
 
 import warnings
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -89,29 +90,19 @@ _ENUMS: dict[str, Any] = {
 _DURATIONS = ('lifespan', 'deadline', 'liveliness_lease_duration')
 
 
+@dataclass(init=False, repr=False, slots=True)
 class QoSProfile:
     """A set of policies; InvalidQoSProfileException unless `depth` or `history` is given."""
 
-    __slots__ = (
-        'avoid_ros_namespace_conventions',
-        'deadline',
-        'depth',
-        'durability',
-        'history',
-        'lifespan',
-        'liveliness',
-        'liveliness_lease_duration',
-        'reliability',
-    )
-    history: HistoryPolicy
-    depth: int
-    reliability: ReliabilityPolicy
-    durability: DurabilityPolicy
-    lifespan: Duration
+    avoid_ros_namespace_conventions: bool
     deadline: Duration
+    depth: int
+    durability: DurabilityPolicy
+    history: HistoryPolicy
+    lifespan: Duration
     liveliness: LivelinessPolicy
     liveliness_lease_duration: Duration
-    avoid_ros_namespace_conventions: bool
+    reliability: ReliabilityPolicy
 
     def __init__(self, **kwargs: Any):
         unknown = sorted(set(kwargs) - set(self.__slots__))
@@ -146,14 +137,7 @@ class QoSProfile:
                     'This will be interpreted as SYSTEM_DEFAULT',
                     stacklevel=3,
                 )
-        super().__setattr__(name, value)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, QoSProfile):
-            return False
-        return all(getattr(self, name) == getattr(other, name) for name in self.__slots__)
-
-    __hash__ = None  # type: ignore[assignment]
+        object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
         shown = ', '.join(f'{name}={getattr(self, name)}' for name in self.__slots__)

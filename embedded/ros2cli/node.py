@@ -57,7 +57,6 @@ def main(argv: Sequence[str]) -> int:
     add_spin_time(verb)
     verb.add_argument('-a', '--all', action='store_true', help='show hidden nodes as well')
     verb.add_argument('-c', '--count-nodes', action='store_true', help='show their number only')
-    verb = verbs.add('info', _info, 'Show what a node has.', 'ros2 node info /daq')
+    verb = verbs.add('info', _info, 'Show what a node has.', 'ros2 node info /daq', 'node')
     add_spin_time(verb)
-    verb.add_argument('node')
     return verbs.run(argv)

@@ -94,10 +94,8 @@ def _set_all(target: str, values: dict[str, str]) -> int:
     for name, result in zip(values, results, strict=True):
         label = '' if len(values) == 1 else f'{name}: '
         if result.successful:
-            print(
-                f'{label}Set parameter successful'
-                + (f': {result.reason}' if result.reason else '')
-            )
+            reason = f': {result.reason}' if result.reason else ''
+            print(f'{label}Set parameter successful{reason}')
         else:
             failed = 1
             print(f'{label}Setting parameter failed: {result.reason}')
@@ -163,20 +161,15 @@ def main(argv: Sequence[str]) -> int:
     verb = verbs.add('list', _list, 'List parameters.', 'ros2 param list /daq')
     add_spin_time(verb)
     verb.add_argument('node', nargs='?', help='node (default: all)')
-    verb = verbs.add('get', _get, 'Show a value.', 'ros2 param get /daq samples_per_message')
-    verb.add_argument('node')
-    verb.add_argument('name')
+    example = 'ros2 param get /daq samples_per_message'
+    verb = verbs.add('get', _get, 'Show a value.', example, 'node', 'name')
     verb.add_argument('--hide-type', action='store_true')
-    verb = verbs.add('set', _set, 'Set a value.', 'ros2 param set /sim real_time_factor 0.5')
-    verb.add_argument('node')
-    verb.add_argument('name')
-    verb.add_argument('value')
-    verb = verbs.add('describe', _describe, 'Show descriptors.', 'ros2 param describe /daq bus')
-    verb.add_argument('node')
+    example = 'ros2 param set /sim real_time_factor 0.5'
+    verbs.add('set', _set, 'Set a value.', example, 'node', 'name', 'value')
+    example = 'ros2 param describe /daq bus'
+    verb = verbs.add('describe', _describe, 'Show descriptors.', example, 'node')
     verb.add_argument('names', nargs='+')
-    verb = verbs.add('dump', _dump, 'Show all values as YAML.', 'ros2 param dump /daq')
-    verb.add_argument('node')
-    verb = verbs.add('load', _load, 'Set the values of a file.', 'ros2 param load /daq daq.yaml')
-    verb.add_argument('node')
-    verb.add_argument('file')
+    verbs.add('dump', _dump, 'Show all values as YAML.', 'ros2 param dump /daq', 'node')
+    example = 'ros2 param load /daq daq.yaml'
+    verbs.add('load', _load, 'Set the values of a file.', example, 'node', 'file')
     return verbs.run(argv)

@@ -60,14 +60,11 @@ def _call(options: argparse.Namespace) -> None:
     message = service_type.Request()
     fill(message, parse_values(options.values))
     with direct_node() as node:
-        wait_until(lambda: node.resolve_service_name(options.service) in _served(node), 1.0)
+        name = node.resolve_service_name(options.service)
+        wait_until(lambda: name in node.context.graph.services(), 1.0)
         print(f'requester: making request: {message!r}\n', flush=True)
         response = request(node, service_type, options.service, message, options.timeout)
         print(f'response:\n{response!r}\n')
-
-
-def _served(node: Any) -> dict[str, list[str]]:
-    return node.context.graph.services()
 
 
 def main(argv: Sequence[str]) -> int:
@@ -76,16 +73,10 @@ def main(argv: Sequence[str]) -> int:
     verb = verbs.add('list', _list, 'List services.', 'ros2 service list -t')
     add_spin_time(verb)
     verb.add_argument('-t', '--show-types', action='store_true', help='show their types')
-    verb = verbs.add('type', _type, 'Show the type of a service.', 'ros2 service type /push')
-    verb.add_argument('service')
-    verb = verbs.add(
-        'call',
-        _call,
-        'Call a service.',
-        "ros2 service call /stop std_srvs/srv/SetBool '{data: true}'",
-    )
-    verb.add_argument('service')
-    verb.add_argument('type')
+    example = 'ros2 service type /push'
+    verbs.add('type', _type, 'Show the type of a service.', example, 'service')
+    example = "ros2 service call /stop std_srvs/srv/SetBool '{data: true}'"
+    verb = verbs.add('call', _call, 'Call a service.', example, 'service', 'type')
     verb.add_argument('values', nargs='?', default='{}', help='fields of the request as YAML')
     verb.add_argument('--timeout', type=float, default=10.0, help='give up after [s]')
     return verbs.run(argv)

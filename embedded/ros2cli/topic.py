@@ -4,6 +4,7 @@ import argparse
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from statistics import pstdev
 from typing import Any
 
@@ -89,13 +90,8 @@ def _message_type(node: Any, options: argparse.Namespace, patience: float) -> An
     name = node.resolve_topic_name(options.topic)
     given = getattr(options, 'type', None)
     if given is None:
-        found: list[str] = []
-
-        def known() -> bool:
-            found[:] = node.context.graph.topics().get(name, [])
-            return bool(found)
-
-        if not wait_until(known, patience):
+        found = wait_until(lambda: node.context.graph.topics().get(name), patience)
+        if not found:
             raise CommandError(
                 f"Could not determine the type for the passed topic '{name}': nobody has it"
             )
@@ -177,7 +173,7 @@ def _hz(options: argparse.Namespace) -> None:
         if now - last_print < 1.0 or len(arrivals) < 2:
             return
         last_print = now
-        gaps = [b - a for a, b in zip(arrivals, list(arrivals)[1:], strict=False)]
+        gaps = [b - a for a, b in pairwise(arrivals)]
         mean = sum(gaps) / len(gaps)
         print(
             f'average rate: {1 / mean:.3f}\n\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s '
@@ -224,30 +220,22 @@ def main(argv: Sequence[str]) -> int:
     verb.add_argument('-t', '--show-types', action='store_true', help='show their types')
     verb.add_argument('-c', '--count-topics', action='store_true', help='show their number only')
     verb.add_argument('--include-hidden-topics', action='store_true')
-    verb = verbs.add('info', _info, 'Show a topic.', 'ros2 topic info -v /joint_states')
+    verb = verbs.add('info', _info, 'Show a topic.', 'ros2 topic info -v /joint_states', 'topic')
     add_spin_time(verb)
-    verb.add_argument('topic')
     verb.add_argument('-v', '--verbose', action='store_true', help='show its endpoints')
-    verb = verbs.add('echo', _echo, 'Print messages.', 'ros2 topic echo --once /supply')
-    verb.add_argument('topic')
+    verb = verbs.add('echo', _echo, 'Print messages.', 'ros2 topic echo --once /supply', 'topic')
     verb.add_argument('type', nargs='?', help='message type (default: that of the topic)')
     verb.add_argument('--once', action='store_true', help='print one message and exit')
     verb.add_argument('--field', help='print this field only, for example header.stamp')
     verb.add_argument('--raw', action='store_true', help='print the bytes')
     verb.add_argument('--timeout', type=float, default=float('inf'), help='exit with 1 after [s]')
     _add_qos(verb)
-    verb = verbs.add('hz', _hz, 'Print the rate of messages.', 'ros2 topic hz /drive_supply')
-    verb.add_argument('topic')
+    example = 'ros2 topic hz /drive_supply'
+    verb = verbs.add('hz', _hz, 'Print the rate of messages.', example, 'topic')
     verb.add_argument('-w', '--window', type=int, default=10_000, help='messages to average over')
     _add_qos(verb)
-    verb = verbs.add(
-        'pub',
-        _pub,
-        'Publish a message.',
-        "ros2 topic pub --once /a std_msgs/msg/String '{data: b}'",
-    )
-    verb.add_argument('topic')
-    verb.add_argument('type')
+    example = "ros2 topic pub --once /a std_msgs/msg/String '{data: b}'"
+    verb = verbs.add('pub', _pub, 'Publish a message.', example, 'topic', 'type')
     verb.add_argument('values', nargs='?', default='{}', help='fields as YAML')
     verb.add_argument('-r', '--rate', type=float, default=1.0, help='messages per second')
     verb.add_argument(

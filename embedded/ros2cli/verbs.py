@@ -31,12 +31,18 @@ class Verbs:
         function: Callable[[argparse.Namespace], int | None],
         text: str,
         example: str,
+        *positional: str,
     ) -> argparse.ArgumentParser:
-        """Add a verb that runs `function`, with help `text`, and return its parser."""
+        """Add a verb that runs `function`, with help `text`; return its parser.
+
+        positional: arguments of the verb that have to be given.
+        """
         verb = self._verbs.add_parser(
             name, help=text, description=text, epilog=f'Example: {example}'
         )
         verb.set_defaults(function=function)
+        for argument in positional:
+            verb.add_argument(argument)
         return verb
 
     def run(self, argv: Sequence[str]) -> int:
@@ -96,14 +102,12 @@ def discover(node: Any, spin_time: float | None = None) -> None:
         time.sleep(0.05)
 
 
-def wait_until(condition: Callable[[], bool], timeout: float) -> bool:
-    """Wait until a condition holds; False where it does not within `timeout` [s]."""
+def wait_until(condition: Callable[[], Any], timeout: float) -> Any:
+    """Wait until a condition gives something true, at most `timeout` [s]; return what it gave."""
     end = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > end:
-            return False
+    while not (found := condition()) and time.monotonic() <= end:
         time.sleep(0.02)
-    return True
+    return found
 
 
 def to_plain(value: Any) -> Any:

@@ -4,7 +4,7 @@ import os
 import re
 from array import array
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -155,6 +155,7 @@ class _Field:
         self.name, self.desc, self.idl = name, desc, _idl(desc)
         self.slot = self.wire = name
         self.default = self.assign = self.receive = ''
+        self.send: Callable[[Any], Any] | None = None
         self.namespace: dict[str, Any] = {}
         inner = desc[1][0] if desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else None
         if inner is None:
@@ -172,6 +173,7 @@ class _Field:
         elif desc[1][0] == 'byte':
             self.default = r"b'\0'"
             self.wire, self.receive = f'_wire_{self.name}', f'bytes(({self.name} & 255,))'
+            self.send = partial(int.from_bytes, byteorder='little', signed=True)
         else:
             value = definitions.DEFAULTS.get((type_name, self.name))
             self.default = (
@@ -196,33 +198,24 @@ class _Field:
             self.namespace = {f'T_{self.name}': class_of(inner[1])}
             if count:
                 self.default = f'[T_{self.name}() for _ in range({count})]'
-        elif inner[1][0] in ('bool', 'byte'):
+            return
+        kind = inner[1][0]
+        if count:
+            empty = {'bool': 'False', 'byte': r"b'\0'"}.get(kind, "''")
+            self.default = f'[{empty}] * {count}'
+        if kind == 'bool':
+            self.receive = f'{self.name}.astype(bool).tolist()'
+            self.send = partial(np.array, dtype=np.bool_)
+        elif kind == 'byte':
+            self.receive = f'[bytes((v & 255,)) for v in {self.name}.tolist()]'
+            self.send = lambda values: np.frombuffer(b''.join(map(bytes, values)), np.uint8)
+        if self.send is not None:
             self.wire = f'_wire_{self.name}'
-            is_bool = inner[1][0] == 'bool'
-            self.receive = (
-                f'{self.name}.astype(bool).tolist()'
-                if is_bool
-                else f'[bytes((v & 255,)) for v in {self.name}.tolist()]'
-            )
-            if count:
-                self.default = f'[False] * {count}' if is_bool else rf"[b'\0'] * {count}"
-        elif count:
-            self.default = f"[''] * {count}"
 
     def wire_property(self) -> property | None:
         """Return the property that gives the serialiser its form of the field, where needed."""
-        if not self.wire.startswith('_wire_'):
-            return None
-        name = self.name
-        if self.desc[0] == Nodetype.BASE:
-            return property(
-                lambda self: int.from_bytes(getattr(self, name), 'little', signed=True)
-            )
-        if self.desc[1][0][1][0] == 'bool':
-            return property(lambda self: np.array(getattr(self, name), dtype=np.bool_))
-        return property(
-            lambda self: np.frombuffer(b''.join(bytes(v) for v in getattr(self, name)), np.uint8)
-        )
+        name, send = self.name, self.send
+        return None if send is None else property(lambda self: send(getattr(self, name)))
 
 
 def _property(field: _Field, checked: bool) -> property:

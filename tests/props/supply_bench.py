@@ -5,7 +5,7 @@ import time
 
 from kept_log import KeptLog
 from power_daq.supply.instrument import Instrument, InstrumentSettings
-from power_daq.supply.poller import Poller, Retry
+from power_daq.supply.poller import Poller
 from sim_bridge.instruments.scpi import ScpiInstrument, SupplyState, Terminals, whole
 
 PATIENCE = 120.0
@@ -35,7 +35,7 @@ class Bench:
             self.readings.append,
             rate,
             self.said,
-            Retry(0.01, 0.05),
+            (0.01, 0.05),
             prepare,
         )
         self.poller.start()

@@ -1,7 +1,5 @@
 """Messages of builtin_interfaces, made on first use."""
 
-from functools import partial
+from rosidl_embedded import messages_of
 
-from rosidl_embedded import message_class
-
-__getattr__ = partial(message_class, 'builtin_interfaces')
+__getattr__ = messages_of('builtin_interfaces')

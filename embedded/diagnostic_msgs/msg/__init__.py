@@ -1,7 +1,5 @@
 """Messages of diagnostic_msgs, made on first use."""
 
-from functools import partial
+from rosidl_embedded import messages_of
 
-from rosidl_embedded import message_class
-
-__getattr__ = partial(message_class, 'diagnostic_msgs')
+__getattr__ = messages_of('diagnostic_msgs')

@@ -1,7 +1,5 @@
 """Messages of geometry_msgs, made on first use."""
 
-from functools import partial
+from rosidl_embedded import messages_of
 
-from rosidl_embedded import message_class
-
-__getattr__ = partial(message_class, 'geometry_msgs')
+__getattr__ = messages_of('geometry_msgs')

@@ -1,7 +1,5 @@
 """Services of rcl_interfaces, made on first use."""
 
-from functools import partial
+from rosidl_embedded import services_of
 
-from rosidl_embedded import service_class
-
-__getattr__ = partial(service_class, 'rcl_interfaces')
+__getattr__ = services_of('rcl_interfaces')

@@ -175,6 +175,11 @@ def _nodes(node: yaml.Node, name: str) -> list[tuple[str, dict[str, Any]]]:
     return entries
 
 
+FLAGS = (
+    *('-r', '--remap', '-p', '--param', '--params-file', '--log-level', '-e', '--enclave'),
+    *('--log-config-file', '--log-file-name'),
+)
+"""Flags with a value; those of the last line have no effect."""
 FLAGS_WITHOUT_VALUE = re.compile(r'--(?:enable|disable)-(?:rosout|stdout|external-lib)-logs?')
 NODE_PREFIX = re.compile(r'([A-Za-z_][A-Za-z0-9_]*|\*{1,2}|/[A-Za-z0-9_/*]*):(?!=)(.*)', re.DOTALL)
 
@@ -300,56 +305,36 @@ def parse(argv: Sequence[str]) -> RosArguments:
         text = next(remaining, None)
         if text is None:
             raise RCLInvalidROSArgsError(f"Couldn't parse trailing {flag} flag. No value found")
-        FLAGS[flag](result, text)
+        match flag:
+            case '-r' | '--remap':
+                result.remaps.append(Remap(*_rule(text, '-r')))
+            case '-p' | '--param':
+                result.parameters.append(_parameter(text))
+            case '--params-file':
+                result.parameters += parameters_of(text)
+            case '--log-level':
+                name, level = _log_level(text)
+                result.log_levels[name] = level
+            case '-e' | '--enclave':
+                result.enclave = text
     return result
 
 
-def _remap(result: RosArguments, text: str) -> None:
-    result.remaps.append(Remap(*_rule(text, '-r')))
-
-
-def _parameter(result: RosArguments, text: str) -> None:
+def _parameter(text: str) -> tuple[str, dict[str, Any]]:
     node, name, value = _rule(text, '-p')
     try:
-        values = {name: parameter_value(value)}
+        return node or '/**', {name: parameter_value(value)}
     except YamlError as error:
         raise RCLInvalidROSArgsError(
             f"Couldn't parse parameter override rule: '-p {text}'. Error: {error}"
         ) from error
-    result.parameters.append((node or '/**', values))
 
 
-def _parameters(result: RosArguments, text: str) -> None:
-    result.parameters += parameters_of(text)
-
-
-def _log_level(result: RosArguments, text: str) -> None:
+def _log_level(text: str) -> tuple[str, str]:
     name, _, level = text.rpartition(':=')
     if level.upper() not in ('UNSET', 'DEBUG', 'INFO', 'WARN', 'ERROR', 'FATAL'):
         raise RCLInvalidROSArgsError(
             f"Couldn't parse log level rule: '--log-level {text}'. "
             'It must be one of debug, info, warn, error, fatal'
         )
-    result.log_levels[name] = level
-
-
-def _enclave(result: RosArguments, text: str) -> None:
-    result.enclave = text
-
-
-def _ignored(result: RosArguments, text: str) -> None:
-    del result, text
-
-
-FLAGS = {
-    '-r': _remap,
-    '--remap': _remap,
-    '-p': _parameter,
-    '--param': _parameter,
-    '--params-file': _parameters,
-    '--log-level': _log_level,
-    '--enclave': _enclave,
-    '-e': _enclave,
-    '--log-config-file': _ignored,
-    '--log-file-name': _ignored,
-}
+    return name, level

@@ -1,9 +1,11 @@
 """The parameters of a node: declared, described, validated, set."""
 
 import math
+import operator
 import re
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -39,11 +41,8 @@ def out_of_range(parameter: Parameter, descriptor: Any) -> str:
     limits, value = ranges[0], parameter.value
     low, high = sorted((limits.from_value, limits.to_value))
     is_float = parameter.type_ is Parameter.Type.DOUBLE
-    near = [
-        math.isclose(value, edge, rel_tol=RELATIVE_TOLERANCE) if is_float else value == edge
-        for edge in (low, high)
-    ]
-    if any(near):
+    same = partial(math.isclose, rel_tol=RELATIVE_TOLERANCE) if is_float else operator.eq
+    if same(value, low) or same(value, high):
         return ''
     if not low < value < high:
         dot = '' if is_float else '.'
@@ -52,12 +51,7 @@ def out_of_range(parameter: Parameter, descriptor: Any) -> str:
         )
     if limits.step:
         nearest = low + round((value - low) / limits.step) * limits.step
-        fits = (
-            math.isclose(nearest, value, rel_tol=RELATIVE_TOLERANCE)
-            if is_float
-            else nearest == value
-        )
-        if not fits:
+        if not same(nearest, value):
             how = 'close enough to a valid step' if is_float else 'a valid step'
             return (
                 f'The parameter value for {parameter.name} is not {how}. '
@@ -256,15 +250,8 @@ class Parameters:
         """Return a ListParametersResult of names below prefixes, to `depth` levels (0: all)."""
         result = ListParametersResult()
         for name in self._parameters:
-            rests = (
-                [name]
-                if not prefixes
-                else [
-                    name[len(prefix) + 1 :]
-                    for prefix in prefixes
-                    if f'{name}.'.startswith(f'{prefix}.')
-                ]
-            )
+            within = [prefix for prefix in prefixes if f'{name}.'.startswith(f'{prefix}.')]
+            rests = [name[len(prefix) + 1 :] for prefix in within] if prefixes else [name]
             if not any(depth == 0 or rest.count('.') < depth for rest in rests):
                 continue
             result.names.append(name)

@@ -12,8 +12,12 @@ from wattwalk_core.nodes.diagnostics import LogTarget, Report
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.worker import Worker
 
-from power_daq.acquisition.bus_acquisition import Acquisition, QueryRounds, SampleQueue
-from power_daq.acquisition.bus_health import BusHealth
+from power_daq.acquisition.bus_acquisition import (
+    Acquisition,
+    BusHealth,
+    QueryRounds,
+    SampleQueue,
+)
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import READY, BusDescription

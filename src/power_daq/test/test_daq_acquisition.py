@@ -9,11 +9,12 @@ from kept_log import KeptLog
 from power_daq.acquisition.bus_acquisition import (
     Acquisition,
     Arrivals,
+    BusHealth,
     BusState,
+    Level,
     Patience,
     SampleQueue,
 )
-from power_daq.acquisition.bus_health import BusHealth, Level
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription

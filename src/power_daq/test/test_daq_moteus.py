@@ -9,8 +9,14 @@ import pytest
 import yaml
 from kept_log import KeptLog
 from moteus_emulator import POSITION, POWER, VELOCITY, MoteusEmulator, ServoBus, turns
-from power_daq.acquisition.bus_acquisition import Acquisition, Patience, QueryRounds, SampleQueue
-from power_daq.acquisition.bus_health import BusHealth, Level
+from power_daq.acquisition.bus_acquisition import (
+    Acquisition,
+    BusHealth,
+    Level,
+    Patience,
+    QueryRounds,
+    SampleQueue,
+)
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import DEFAULT_MAPPING, DEVICE_ERROR, STALE, BusDescription

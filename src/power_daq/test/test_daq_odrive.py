@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 from kept_log import KeptLog
 from odrive_emulator import BUS, ENCODER, TEMPERATURE, TORQUES, ODriveEmulator
-from power_daq.acquisition.bus_acquisition import Acquisition, Patience, SampleQueue
-from power_daq.acquisition.bus_health import BusHealth, Level
+from power_daq.acquisition.bus_acquisition import (
+    Acquisition,
+    BusHealth,
+    Level,
+    Patience,
+    SampleQueue,
+)
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import DEVICE_ERROR, STALE, BusDescription

@@ -5,15 +5,9 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from power_daq.ethercat.acquisition import assert_settings, check_inputs, check_order
 from power_daq.ethercat.mapping import ChannelMapping, SegmentMapping
-from power_daq.ethercat.terminals import (
-    TYPES,
-    SegmentError,
-    SlaveIdentity,
-    assert_settings,
-    check_inputs,
-    check_order,
-)
+from power_daq.ethercat.terminals import TYPES, SegmentError, SlaveIdentity
 from wattwalk_core.errors import InputError
 
 from drive_power_msgs.msg import DriveSupply

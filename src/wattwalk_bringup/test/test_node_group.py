@@ -4,7 +4,7 @@ import signal
 
 import pytest
 from rich.console import Console
-from wattwalk_bringup.commands.live import PlainDisplay, TableDisplay
+from wattwalk_bringup.commands.live import node_table, print_news
 from wattwalk_bringup.node_group import LogFollower, NodeGroup
 from wattwalk_bringup.node_set import NodeCommand
 from wattwalk_core.errors import InputError
@@ -105,7 +105,7 @@ def test_the_table_shows_state_and_last_line_of_each_node(start):
     group = start(sim=WAITS, daq='echo "[WARN] [17.5] [power_daq]: bus absent"\nexit 3\n')
     assert wait_until(lambda: group.ended)
     shown = Shown()
-    TableDisplay(shown).show(group.nodes)
+    shown.update(node_table(group.nodes))
     rows = {line.split()[0]: line for line in shown.text.splitlines() if line.strip()}
     assert 'running' in rows['sim']
     assert 'ready' in rows['sim']
@@ -124,9 +124,9 @@ def test_without_a_terminal_each_line_is_printed_once_after_the_name(start, caps
     group = start(daq='echo one\necho two\nexit 3\n')
     assert wait_until(lambda: group.ended)
     assert group.failures() == ['daq failed with code 3: two']
-    display = PlainDisplay()
-    display.show(group.nodes)
-    display.show(group.nodes)
+    states = {}
+    print_news(states, group.nodes)
+    print_news(states, group.nodes)
     assert capsys.readouterr().out.splitlines() == ['daq: one', 'daq: two', 'daq: failed, code 3']
 
 

@@ -77,10 +77,10 @@ _CPU_PERIOD: Final = 2.0  # s
 class RunningNode:
     """A node as a child process: its state, share of a core, and lines of its log."""
 
-    def __init__(self, command: NodeCommand, line: Sequence[str], folder: Path) -> None:
-        self.name = command.name
+    def __init__(self, name: str, line: Sequence[str], folder: Path) -> None:
+        self.name = name
         tethered = [sys.executable, '-SE', tether.__file__, str(os.getpid()), *line]
-        self.process = ChildProcess(tethered, folder / f'{command.name}.log')
+        self.process = ChildProcess(tethered, folder / f'{name}.log')
         self.log = LogFollower(self.process.log)
         self.since = time.monotonic()
         self.state = 'starting'
@@ -134,11 +134,11 @@ class NodeGroup:
 
     def __init__(self, commands: Sequence[NodeCommand], folder: Path) -> None:
         # All lines are made first: a package that is not installed starts nothing.
-        lines = [command.line() for command in commands]
+        lines = {command.name: command.line() for command in commands}
         self.nodes: list[RunningNode] = []
         try:
-            for command, line in zip(commands, lines, strict=True):
-                self.nodes.append(RunningNode(command, line, folder))
+            for name, line in lines.items():
+                self.nodes.append(RunningNode(name, line, folder))
         except BaseException:
             self.kill()
             raise
@@ -155,16 +155,12 @@ class NodeGroup:
 
     def end(self, look: Callable[[], None]) -> None:
         """End all nodes, within 48 s; look: called several times a second meanwhile."""
-        for stage in self._stages():
+        first = [[node for node in self.nodes if node.name == name] for name in _FIRST]
+        for stage in (*first, [node for node in self.nodes if node.name not in _FIRST]):
             for node in stage:
                 node.begin_end()
             self._wait_for(stage, look)
         look()
-
-    def _stages(self) -> Iterator[list[RunningNode]]:
-        for name in _FIRST:
-            yield [node for node in self.nodes if node.name == name]
-        yield [node for node in self.nodes if node.name not in _FIRST]
 
     def _wait_for(self, stage: Sequence[RunningNode], look: Callable[[], None]) -> None:
         def over() -> bool:

@@ -34,20 +34,11 @@ def pack(messages: Iterable[can.Message]) -> bytes:
     """
     parts: list[bytes | bytearray] = [_TIME.pack(time.time_ns())]
     for m in messages:
-        identifier = m.arbitration_id
-        if m.is_extended_id:
-            identifier |= _EXTENDED
-        if m.is_remote_frame:
-            identifier |= _REMOTE
-        if m.is_error_frame:
-            identifier |= _ERROR
-        flags = _FD if m.is_fd else 0
-        if m.bitrate_switch:
-            flags |= _BITRATE_SWITCH
-        if m.error_state_indicator:
-            flags |= _ERROR_STATE
-        parts.append(_HEAD.pack(identifier, m.dlc, flags))
-        parts.append(m.data)
+        identifier = m.arbitration_id | (_EXTENDED if m.is_extended_id else 0)
+        identifier |= (_REMOTE if m.is_remote_frame else 0) | (_ERROR if m.is_error_frame else 0)
+        flags = (_FD if m.is_fd else 0) | (_BITRATE_SWITCH if m.bitrate_switch else 0)
+        flags |= _ERROR_STATE if m.error_state_indicator else 0
+        parts += [_HEAD.pack(identifier, m.dlc, flags), m.data]
     return b''.join(parts)
 
 

@@ -1,8 +1,7 @@
 """The thread that exchanges a frame each cycle with an EtherCAT segment and reopens it."""
 
-import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,17 +16,74 @@ from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.acquisition.receiver import Sample
 from power_daq.clock.mapping import RosTime, Slots, Stamper
 from power_daq.ethercat.mapping import SegmentMapping
-from power_daq.ethercat.terminals import (
-    EthercatSegment,
-    SegmentError,
-    assert_settings,
-    check_inputs,
-    check_order,
-)
+from power_daq.ethercat.soem import SoemSegment
+from power_daq.ethercat.terminals import SegmentError, SlaveIdentity, TerminalType, describe
 
-_log = logging.getLogger(__name__)
 Flags = NDArray[np.uint8]
 _GONE = DriveSupply.STALE | DriveSupply.DEVICE_ERROR
+
+
+def check_order(wanted: Sequence[TerminalType], found: Sequence[SlaveIdentity]) -> None:
+    """Raise SegmentError for the first position with a wrong, missing or additional slave."""
+    for place, kind in enumerate(wanted):
+        if place >= len(found):
+            raise SegmentError(
+                f'{kind} should be at position {place}, but the segment ends after '
+                f'{len(found)} of {len(wanted)} slaves: check cables and power behind it'
+            )
+        if not kind.is_it(found[place]):
+            raise SegmentError(
+                f'{kind} should be at position {place}, there is {describe(found[place])}'
+            )
+    if len(found) > len(wanted):
+        raise SegmentError(
+            f'{describe(found[len(wanted)])} at position {len(wanted)} is not in the mapping, '
+            f'which ends after {len(wanted)}'
+        )
+
+
+def assert_settings(
+    segment: SoemSegment,
+    wanted: Sequence[TerminalType],
+    stopped: Callable[[], bool] = lambda: False,
+) -> list[str]:
+    """Write the terminals' settings where they differ, read them back, and list what was changed.
+
+    Ends before the next setting once stopped() is true. SegmentError for a setting that cannot be
+    changed: a filter would remove what is to be measured.
+    """
+    changed: list[str] = []
+    for place, kind in enumerate(wanted):
+        for index, subindex, value, meaning in kind.settings:
+            if stopped():
+                return changed
+            if _read(segment, place, index, subindex) == value:
+                continue
+            segment.write(place, index, subindex, bytes([value]))
+            found = _read(segment, place, index, subindex)
+            if found != value:
+                raise SegmentError(
+                    f'{meaning} of {kind.name} at position {place} cannot be switched off: '
+                    f'{index:#06x}:{subindex:02x} was set to {value} and is {found}'
+                )
+            changed.append(f'{meaning} of {kind.name} at {place} ({index:#06x}) switched off')
+    return changed
+
+
+def check_inputs(segment: SoemSegment, wanted: Sequence[TerminalType]) -> None:
+    """Raise SegmentError for a terminal whose process data have another size."""
+    for place, kind in enumerate(wanted):
+        size = len(segment.inputs(place))
+        if size != kind.input_bytes:
+            raise SegmentError(
+                f'{kind.name} at position {place} has {size} bytes of inputs, not '
+                f'{kind.input_bytes}: give it the standard process data with status '
+                '(0x1C13 = 0x1A00, 0x1A02); revisions up to 0x0016 have none such'
+            )
+
+
+def _read(segment: SoemSegment, slave: int, index: int, subindex: int) -> int:
+    return int.from_bytes(segment.read(slave, index, subindex)[:1], 'little')
 
 
 @dataclass(frozen=True)
@@ -66,9 +122,9 @@ class SegmentAcquisition(DeviceWorker):
     def __init__(
         self,
         mapping: SegmentMapping,
-        make_segment: Callable[[], EthercatSegment],
+        make_segment: Callable[[], SoemSegment],
         sink: Callable[[Sample], None],
-        log: LogTarget = _log,
+        log: LogTarget,
         calibration: Calibration | None = None,
         patience: SegmentPatience | None = None,
         ros_time: RosTime | None = None,
@@ -115,7 +171,7 @@ class SegmentAcquisition(DeviceWorker):
         finally:
             segment.close()
 
-    def _bring_up(self, segment: EthercatSegment) -> int | None:
+    def _bring_up(self, segment: SoemSegment) -> int | None:
         """Return the working counter of a complete exchange; None if asked to end before."""
         wanted = self.mapping.segment
         check_order(wanted, segment.find())
@@ -131,7 +187,7 @@ class SegmentAcquisition(DeviceWorker):
         self._log.info(f'EtherCAT: operating {names}')
         return expected
 
-    def _exchange(self, segment: EthercatSegment, expected: int) -> None:
+    def _exchange(self, segment: SoemSegment, expected: int) -> None:
         self._toggles = [None] * len(self._channels)
         triggered: int | None = None
         bad = 0
@@ -154,7 +210,7 @@ class SegmentAcquisition(DeviceWorker):
             if bad >= self._patience.bad_cycles:
                 raise SegmentError(_missing(counter, expected, bad))
 
-    def _read_channels(self, segment: EthercatSegment, incomplete: bool) -> tuple[Floats, Flags]:
+    def _read_channels(self, segment: SoemSegment, incomplete: bool) -> tuple[Floats, Flags]:
         """Return volts and flags of each channel in the last frame."""
         values = np.empty(len(self._channels))
         flags = np.zeros(len(self._channels), np.uint8)

@@ -56,7 +56,6 @@ class SegmentMapping:
     the cable in their order from the master on; device: frame_id of drive_supply.
     """
 
-    path: Path
     device: str
     cycle: float
     frame_timeout: float
@@ -87,8 +86,7 @@ class SegmentMapping:
         segment = tuple(TYPES[name] for name in file.segment)
         drives = file.electrical.drives
         _check_channels(where, segment, drives)
-        device = file.device or path.stem
-        return cls(path, device, file.cycle, file.frame_timeout, segment, drives)
+        return cls(file.device or path.stem, file.cycle, file.frame_timeout, segment, drives)
 
 
 def _check_channels(

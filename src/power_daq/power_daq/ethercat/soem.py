@@ -31,6 +31,7 @@ def longest_call(slaves: int, timeout: float) -> float:
 class SoemSegment:
     """The slaves behind one network interface; needs the right to raw sockets.
 
+    Slaves are counted from 0, which is next to the master.
     timeout: s until a frame counts as lost; it also sets SOEM's limits, which are global to the
     process. Every call releases the GIL while it waits.
     """

@@ -1,6 +1,5 @@
 """The thread that polls a bench supply at a fixed rate and connects again after a loss."""
 
-import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,17 +18,8 @@ from power_daq.supply.answers import (
 from power_daq.supply.energy_counters import Balance, Energy
 from power_daq.supply.instrument import Instrument, LostError
 
-_log = logging.getLogger(__name__)
 _S = 1_000_000_000
 _CHECK = 1.0
-
-
-@dataclass(frozen=True)
-class Retry:
-    """Pauses in s between attempts to connect: each twice the one before, up to the last."""
-
-    first: float = 0.1
-    last: float = 5.0
 
 
 @dataclass
@@ -60,9 +50,10 @@ class Poller(DeviceWorker):
     """Polls `rate` times a second and gives each answer to the sink once.
 
     Readings belong to slots of 1/rate s. A slot without an answer is lost; it is neither repeated
-    nor made up for. connect may raise LostError or AnswerError: it is tried again with growing
-    pauses. prepare is called once, with the first connection, and not again if it fails. All
-    exceptions but these two end the thread and are raised by `join`, any of prepare included.
+    nor made up for. connect may raise LostError or AnswerError: it is tried again after pauses in
+    s, each twice the one before, from the first to the last of `pauses`. prepare is called once,
+    with the first connection, and not again if it fails. All exceptions but these two end the
+    thread and are raised by `join`, any of prepare included.
     """
 
     def __init__(
@@ -70,18 +61,17 @@ class Poller(DeviceWorker):
         connect: Callable[[], Instrument],
         sink: Callable[[Reading], None],
         rate: float,
-        log: LogTarget = _log,
-        retry: Retry | None = None,
+        log: LogTarget,
+        pauses: tuple[float, float] = (0.1, 5.0),
         prepare: Callable[[Instrument], None] | None = None,
     ) -> None:
         self.state = PollState()
         self._connect, self._sink, self._log = connect, sink, log
-        retry = retry or Retry()
         self._prepare = prepare
         self._slots = Slots(1.0 / rate)
         self.ros_time = RosTime()
         self._next_check = 0.0
-        super().__init__('supply', retry.first, retry.last)
+        super().__init__('supply', *pauses)
 
     @property
     def lost(self) -> int:

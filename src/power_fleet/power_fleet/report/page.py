@@ -57,18 +57,11 @@ def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -
     )
     for change in changes:
         profile = change.profile
-        begin = profile.end if profile.step else profile.begin
-        figure.add_shape(
-            type='line',
-            x0=dates[begin],
-            x1=dates[begin],
-            y0=0,
-            y1=1,
-            yref='paper',
-            line={'color': COLORS['better'], 'width': 1.5, 'dash': 'dash'},
-        )
+        begin = dates[profile.first]
+        dashed = {'color': COLORS['better'], 'width': 1.5, 'dash': 'dash'}
+        figure.add_vline(x=begin, line=dashed)
         figure.add_annotation(
-            x=dates[begin],
+            x=begin,
             y=1.0,
             yref='paper',
             xanchor='left',
@@ -164,7 +157,7 @@ def _section_changes(page: Page, found: Tracked) -> None:
                 history.drive,
                 change.hypothesis,
                 'step' if profile.step else 'drift',
-                history.recordings[profile.end if profile.step else profile.begin],
+                history.recordings[profile.first],
                 f'{begin:.4g}',
                 f'{end:.4g} ± {1.96 * change.error:.2g} {found.unit(change.hypothesis)}',
                 '–' if percent is None else f'{percent:+.0f} %',
@@ -223,12 +216,11 @@ def print_tracked(console: Console, found: Tracked) -> None:
         change, history = finding.change, found.histories[finding.drive]
         begin, end = found.ends(finding.drive, change)
         profile = change.profile
-        at = history.recordings[profile.end if profile.step else profile.begin]
         table.add_row(
             plain(printable(history.drive)),
             change.hypothesis,
             'step' if profile.step else 'drift',
-            plain(printable(at)),
+            plain(printable(history.recordings[profile.first])),
             f'{begin:.4g}',
             f'{end:.4g}',
             f'{found.watts(finding.drive, change):+.2f}',

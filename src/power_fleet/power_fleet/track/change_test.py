@@ -35,6 +35,11 @@ class Profile:
         """Return whether it happens between two recordings."""
         return self.end - self.begin <= 1
 
+    @property
+    def first(self) -> int:
+        """Index of the first recording after a step, or of that in which a ramp begins."""
+        return self.end if self.step else self.begin
+
     def over(self, time: Floats) -> Floats:
         """Share of the change in each recording [M], at times in s [M]."""
         if self.step:
@@ -120,10 +125,6 @@ class ChangeModel:
         wider = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
         return cls(history, time, scale, np.maximum(own / scale, _LEAST), wider)
 
-    def reordered(self, order: NDArray[np.intp]) -> 'ChangeModel':
-        """Return the model of the same recordings as if made in another order, indices [M]."""
-        return replace(self, order=order)
-
     def _taken(self, values: Floats) -> Floats:
         return values if self.order is None else values[self.order]
 
@@ -153,13 +154,17 @@ class ChangeModel:
             for change in self.changes
         ]
 
+    def _unchanged(self) -> Floats:
+        """Scaled estimates [M, m] less the known changes."""
+        if not self.changes:
+            return self.values
+        sizes = np.array([change.size for change in self.changes])
+        return np.asarray(self.values - np.tensordot(sizes, np.stack(self._changed()), axes=1))
+
     @cached_property
     def residual(self) -> Floats:
         """Scaled estimates [M, m] less level, slopes and known changes, by least squares."""
-        current = self.values
-        if self.changes:
-            sizes = np.array([change.size for change in self.changes])
-            current = current - np.tensordot(sizes, np.stack(self._changed()), axes=1)
+        current = self._unchanged()
         slopes, *_ = np.linalg.lstsq(self.design, current, rcond=None)
         return np.asarray(current - self.design @ slopes)
 
@@ -176,11 +181,8 @@ class ChangeModel:
             return self.known_scatter
         if len(self.time) < LEAST_RECORDINGS:
             return np.eye(len(self.scale))
-        rest = self.values
-        if self.changes:
-            sizes = np.array([change.size for change in self.changes])
-            rest = rest - np.tensordot(sizes, np.stack(self._changed()), axes=1)
-        steps, moves = (np.diff(v, axis=0) / np.sqrt(2.0) for v in (rest, self.design[:, 1:]))
+        parts = (self._unchanged(), self.design[:, 1:])
+        steps, moves = (np.diff(part, axis=0) / np.sqrt(2.0) for part in parts)
         solver, told = np.linalg.pinv(moves), np.zeros_like(steps)
         for _ in range(_ROUNDS):
             size = np.sqrt(np.median(np.square(steps - told), axis=0)) / _MEDIAN
@@ -203,8 +205,11 @@ class ChangeModel:
         return np.asarray(np.linalg.inv(self.covariances))
 
     @cached_property
-    def _nuisance(self) -> tuple[Floats, Floats]:
-        """Precision-weighted nuisance [M, m, q], and the inverse of its normal matrix [q, q]."""
+    def _nuisance(self) -> tuple[Floats, Floats, Floats]:
+        """Nuisance weighted by precision [M, m, q], inverse normal matrix [q, q], sizes [q].
+
+        It is level and slopes of each estimate, and the known changes.
+        """
         count, m = self.values.shape
         p = self.design.shape[1]
         x = np.zeros((count, m, p * m))
@@ -213,21 +218,9 @@ class ChangeModel:
         for regressor in self._changed():
             x = np.concatenate([x, regressor[..., None]], axis=2)
         weighted = self.precision @ x
-        normal = np.einsum('tmq,tmr->qr', x, weighted)
-        return weighted, np.asarray(np.linalg.pinv(normal, hermitian=True))
-
-    def contrast(self, direction: Floats) -> tuple[Floats, Floats]:
-        """Score [M] and information [M, M] of a direction [m].
-
-        A course f of M shares has the size f@score / (f@information@f).
-        """
-        weighted, inverse = self._nuisance
-        own = np.einsum('tmq,m->tq', weighted, direction)
-        moment = np.einsum('tmq,tm->q', weighted, self.values)
-        turned = self.precision @ direction
-        score = np.einsum('tm,tm->t', turned, self.values) - own @ (inverse @ moment)
-        information = np.diag(turned @ direction) - own @ inverse @ own.T
-        return score, information
+        inverse = np.linalg.pinv(np.einsum('tmq,tmr->qr', x, weighted), hermitian=True)
+        sizes = inverse @ np.einsum('tmq,tm->q', weighted, self.values)
+        return weighted, np.asarray(inverse), np.asarray(sizes)
 
     def best(self, hypotheses: Sequence[str]) -> list[Change]:
         """Return the likeliest change of each hypothesis, the best first."""
@@ -244,21 +237,26 @@ class ChangeModel:
     def _swept(self, hypotheses: Sequence[str], search: Courses) -> tuple[Floats, Floats]:
         """Sizes and squared t values of n courses and the hypotheses, [n, H]."""
         directions = np.stack([self.direction(name) for name in hypotheses], axis=1)
-        weighted, inverse = self._nuisance
-        moment = inverse @ np.einsum('tmq,tm->q', weighted, self.values)
+        weighted, inverse, sizes = self._nuisance
         own = weighted.transpose(0, 2, 1) @ directions  # [M, q, H]
         turned = self.precision @ directions  # [M, m, H]
-        score = np.einsum('tmh,tm->th', turned, self.values) - np.einsum('tqh,q->th', own, moment)
+        score = np.einsum('tmh,tm->th', turned, self.values) - np.einsum('tqh,q->th', own, sizes)
         alone = np.einsum('tmh,mh->th', turned, directions)
         top = search.courses @ score
-        bottom = np.square(search.courses) @ alone
+        own_part = np.square(search.courses) @ alone
+        bottom = own_part.copy()
         for column in range(directions.shape[1]):
             shared = search.courses @ own[..., column]
             bottom[:, column] -= np.einsum('nq,nq->n', shared @ inverse, shared)
-        own_part = np.square(search.courses) @ alone
         known = bottom < _OWN_PART * own_part  # covariates and known changes say it already
         bottom = np.maximum(bottom, _OWN_PART * own_part)
         return np.where(known, 0.0, top / bottom), np.where(known, 0.0, np.square(top) / bottom)
+
+    def kept(self, change: Change) -> float:
+        """Return the squared t value that a change has beside covariates and known changes."""
+        course = change.profile.over(self.time)[None]
+        alone = Courses((change.profile,), course, np.zeros(1))
+        return float(self._swept((change.hypothesis,), alone)[1].item())
 
     def evidence(self, change: Change) -> float:
         """Return the statistic of a change less the penalty of its profile."""
@@ -272,18 +270,12 @@ class ChangeModel:
         search = Courses.of(self.time)
         out = np.empty(len(orders))
         for place, order in enumerate(orders):
-            _, squared = self.reordered(order)._swept(hypotheses, search)
+            _, squared = replace(self, order=order)._swept(hypotheses, search)
             out[place] = (squared - search.penalty[:, None]).max()
         return out
 
-    def with_change(self, change: Change, scatter: Floats | None = None) -> 'ChangeModel':
-        """Return the model with one more known change; scatter [m, m]: by default re-estimated."""
-        return self.with_changes((change,), scatter)
-
-    def with_changes(
-        self, changes: Sequence[Change], scatter: Floats | None = None
-    ) -> 'ChangeModel':
-        """Return the model with several more known changes; scatter: as in `with_change`."""
+    def with_changes(self, *changes: Change, scatter: Floats | None = None) -> 'ChangeModel':
+        """Return the model with more known changes; scatter [m, m]: by default re-estimated."""
         model = replace(self, changes=(*self.changes, *changes), known_scatter=scatter)
         for _ in range(2):
             model = replace(model, changes=model.sized())
@@ -291,16 +283,14 @@ class ChangeModel:
 
     def sized(self) -> tuple[Change, ...]:
         """Return the known changes with sizes and errors by all of them together."""
-        weighted, inverse = self._nuisance
-        moment = np.einsum('tmq,tm->q', weighted, self.values)
-        found, count = inverse @ moment, len(self.changes)
-        sizes = found[-count:]
+        _, inverse, found = self._nuisance
+        count = len(self.changes)
         errors = np.sqrt(np.maximum(np.diag(inverse)[-count:], 1e-300))
         return tuple(
             replace(
                 change, size=float(size), error=float(error), statistic=float((size / error) ** 2)
             )
-            for change, size, error in zip(self.changes, sizes, errors, strict=True)
+            for change, size, error in zip(self.changes, found[-count:], errors, strict=True)
         )
 
     @cached_property
@@ -313,9 +303,7 @@ class ChangeModel:
     @cached_property
     def levels(self) -> tuple[Floats, Floats]:
         """Level [m] before all changes, at mean covariates, and its standard error, unscaled."""
-        weighted, inverse = self._nuisance
+        _, inverse, sizes = self._nuisance
         m = self.values.shape[1]
-        moment = np.einsum('tmq,tm->q', weighted, self.values)
-        level = (inverse @ moment)[:m]
         error = np.sqrt(np.maximum(np.diag(inverse)[:m], 0.0))
-        return level * self.scale, error * self.scale
+        return sizes[:m] * self.scale, error * self.scale

@@ -1,7 +1,7 @@
 """Estimates of one drive over its recordings, with what the recordings had in common or not."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -38,16 +38,10 @@ class DriveHistory:
     covariates: Floats  # [M, K]
     names: tuple[str, ...]  # of the covariates
 
-    def without_covariates(self) -> 'DriveHistory':
-        """Return the history without any covariate."""
-        return self.with_covariates(())
-
     def with_covariates(self, names: Sequence[str]) -> 'DriveHistory':
         """Return the history with the named covariates only; ValueError for an unknown one."""
         columns = [self.names.index(name) for name in names]
-        content = dict(self.__dict__)
-        content |= {'covariates': self.covariates[:, columns], 'names': tuple(names)}
-        return DriveHistory(**content)
+        return replace(self, covariates=self.covariates[:, columns], names=tuple(names))
 
 
 def histories(fits: Sequence[RecordingFit]) -> list[DriveHistory]:

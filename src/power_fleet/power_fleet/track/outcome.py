@@ -96,8 +96,7 @@ class Tracked:
             return 'record on, and track again with the new recordings'
         finding = self.result.findings[0]
         history, change = self.histories[finding.drive], finding.change
-        later = history.recordings[change.profile.end]
-        bag = self._typed(later)
+        bag = self._typed(history.recordings[change.profile.end])
         return f'ros2 run power_lab diagnose {bag} --model {spec} --report why.html'
 
     def _typed(self, recording: str) -> str:
@@ -107,7 +106,8 @@ class Tracked:
     def told(self, finding: CertainChange) -> str:
         """Describe one certain change in a sentence or more."""
         history, change = self.histories[finding.drive], finding.change
-        at = _at(history, change)
+        first = change.profile.first
+        day = datetime.fromtimestamp(float(history.time[first]), UTC).strftime('%Y-%m-%d')
         begin, end = self.ends(finding.drive, change)
         unit = self.unit(change.hypothesis)
         percent = self.percent(finding.drive, change)
@@ -117,7 +117,7 @@ class Tracked:
         share = '' if percent is None else f' ({percent:+.0f} %)'
         text = (
             f'{history.drive}: {_name(change.hypothesis)} {course} {size}{share}, '
-            f'{watts:+.2f} W, since {printable(at)} ({_day(history, change)}).'
+            f'{watts:+.2f} W, since {printable(history.recordings[first])} ({day}).'
         )
         if finding.rivals:
             others = ' or '.join(
@@ -237,12 +237,13 @@ class Tracked:
     def _change(self, drive: int, column: int) -> dict[str, Any]:
         history, points = self.histories[drive], self.points[drive]
         name, term = history.labels[column]
-        own = [
+        own = (
             finding
             for finding in self.result.findings
             if finding.drive == drive and finding.change.hypothesis == name and term == 0
-        ]
-        if not own:
+        )
+        finding = next(own, None)
+        if finding is None:
             level, error = float(points.level[column]), float(points.level_errors[column])
             certainty = self.result.certainties[drive].get(name, 0.0) if term == 0 else 0.0
             return {
@@ -253,14 +254,13 @@ class Tracked:
                 'interval': [short(level - _WIDTH * error), short(level + _WIDTH * error)],
                 'certainty': round(min(certainty, 1.0 - FALSE_ALARMS), 4),
             }
-        finding = own[0]
         change = finding.change
         begin, end = self.ends(drive, change)
         error = _WIDTH * change.error
         percent = self.percent(drive, change)
         return {
             'verdict': 'step' if change.profile.step else 'drift',
-            'at': _at(history, change),
+            'at': history.recordings[change.profile.first],
             'until': history.recordings[change.profile.end],
             'from': short(begin),
             'to': short(end),
@@ -324,12 +324,11 @@ def _suspect(found: Tracked, seen: Collection[str]) -> tuple[int, Change, Growth
     """Return the drive that the model may miss more of than before, since when, and the growth."""
     grown = growths(found.histories)
     changed = [f for f in found.result.findings if f.change.hypothesis != TIME_OFFSET]
-    every = [(growth.drive, growth.change) for growth in grown]
-    every += [(finding.drive, finding.change) for finding in changed]
     by_drive = {growth.drive: growth for growth in grown}
-    for drive, change in every:
-        if found.histories[drive].drive not in seen:
-            return drive, change, by_drive.get(drive)
+    every: list[Growth | CertainChange] = [*grown, *changed]
+    for one in every:
+        if found.histories[one.drive].drive not in seen:
+            return one.drive, one.change, by_drive.get(one.drive)
     return None
 
 
@@ -352,17 +351,6 @@ def tracked(
         common=common,
         left_out=tuple(left_out),
     )
-
-
-def _at(history: DriveHistory, change: Change) -> str:
-    profile = change.profile
-    return history.recordings[profile.end if profile.step else profile.begin]
-
-
-def _day(history: DriveHistory, change: Change) -> str:
-    profile = change.profile
-    time = float(history.time[profile.end if profile.step else profile.begin])
-    return datetime.fromtimestamp(time, UTC).strftime('%Y-%m-%d')
 
 
 def _name(hypothesis: str) -> str:

@@ -99,8 +99,7 @@ def read_fits(
     recording that is damaged, too short or too still, or there twice, is left out.
     """
     contents: dict[Path, bytes] = {}
-    unfitted: list[Stamp] = []
-    places: list[Path] = []
+    unfitted: dict[Path, Stamp] = {}
     for path in dict.fromkeys(paths):
         try:
             stamp = Stamp.of(path)
@@ -111,12 +110,11 @@ def read_fits(
         if kept is not None:
             contents[path] = kept
         else:
-            unfitted.append(stamp)
-            places.append(path)
-    ended = engine.completed(partial(fit_stamped, request), unfitted, CODE)
+            unfitted[path] = stamp
+    ended = engine.completed(partial(fit_stamped, request), [*unfitted.values()], CODE)
     show(f'fitting {len(unfitted)} recordings')
     for count, (place, fitted) in enumerate(ended, 1):
-        stamp, path = unfitted[place], places[place]
+        path, stamp = [*unfitted.items()][place]
         contents[path] = fitted.content
         if fitted.facts is not None:
             answer = IndexAnswer(KIND, request.key, fitted.content, fitted.figures)
@@ -208,11 +206,8 @@ def occasion_of(loaded: Loaded) -> Occasion:
 
 def begin_of(recording: Recording) -> float:
     """Start of a recording in s since 1970: the date of its card, or else its first stamp."""
-    created = recording.card.created
-    if created:
-        try:
-            moment = datetime.fromisoformat(created)
-        except ValueError:
-            return recording.start_ns / 1e9
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    return recording.start_ns / 1e9
+    try:
+        moment = datetime.fromisoformat(recording.card.created)
+    except ValueError:
+        return recording.start_ns / 1e9
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

@@ -73,7 +73,7 @@ def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
     findings: list[CertainChange] = []
     rounds = dict.fromkeys(long, 0)
     while long:
-        limit = np.max(list(chance.values()), axis=0)
+        limit = _limit(chance)
         open_ = [i for i in long if rounds[i] < _MOST_CHANGES]
         leaders = {i: models[i].best(hypotheses_of(histories[i]))[0] for i in open_}
         if not leaders:
@@ -89,10 +89,10 @@ def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
             findings.append(found)
         chance[drive] = _chance(models[drive])
     findings = _one_delay(findings, histories)
-    certainties = _certainties(models, chance, long)
+    certainties = _certainties(models, chance)
     explained = _explained(histories, findings, chance)
-    findings = [_latest(finding, models[finding.drive]) for finding in findings]
-    return Search(tuple(models), tuple(findings), tuple(explained), tuple(certainties))
+    latest = tuple(_latest(finding, models[finding.drive]) for finding in findings)
+    return Search(tuple(models), latest, tuple(explained), tuple(certainties))
 
 
 def _one_delay(
@@ -106,13 +106,11 @@ def _one_delay(
     out: list[CertainChange] = []
     for own in sorted(findings, key=lambda finding: finding.change.hypothesis == TIME_OFFSET):
         history = histories[own.drive]
-        course = own.change.profile.over(history.time)
-        same = [
-            other.change.profile.over(history.time)
+        known = any(
+            _at_once(own, other, history)
             for other in out
             if histories[other.drive].recordings == history.recordings
-        ]
-        known = any(np.corrcoef(course, other)[0, 1] > _ALIKE for other in same)
+        )
         if own.change.hypothesis != TIME_OFFSET or not known:
             out.append(own)
     return out
@@ -149,10 +147,10 @@ def _resolved(
     """
     names = hypotheses_of(model.history)
     for _ in range(2):
-        scatter = model.with_change(first).scatter
+        scatter = model.with_changes(first).scatter
         every = replace(model, known_scatter=scatter).best(names)
         first = every[0]
-    tried = [(model.with_change(change, scatter), change) for change in every]
+    tried = [(model.with_changes(change, scatter=scatter), change) for change in every]
     worth = [
         own.log_likelihood - change.profile.penalty(len(own.time)) / 2 + prior(own, catalogue)
         for own, change in tried
@@ -167,7 +165,7 @@ def _resolved(
             for name, term in model.history.labels
             if catalogue[name.split('.')[0]].kind == 'measurement' and term == 0
         ]
-        chosen = model.with_changes((found, *with_it))
+        chosen = model.with_changes(found, *with_it)
     place = len(model.changes)
     chosen = replace(chosen, changes=chosen.sized())
     rivals = [
@@ -182,15 +180,18 @@ def _goes_with(
     """Return whether a change is tiny, or a small part of another of the drive and date."""
     if watts(history, found.change) < _LEAST_ALARM * history.power:
         return True
-    for other in findings:
-        if other.drive != found.drive:
-            continue
-        one, two = (c.change.profile.over(history.time) for c in (found, other))
-        if np.corrcoef(one, two)[0, 1] > _ALIKE and watts(history, found.change) < _SMALL * watts(
-            history, other.change
-        ):
-            return True
-    return False
+    return any(
+        _at_once(found, other, history)
+        and watts(history, found.change) < _SMALL * watts(history, other.change)
+        for other in findings
+        if other.drive == found.drive
+    )
+
+
+def _at_once(found: CertainChange, other: CertainChange, history: DriveHistory) -> bool:
+    """Return whether the courses of two changes over the recordings of a history are alike."""
+    one, two = (own.change.profile.over(history.time) for own in (found, other))
+    return bool(np.corrcoef(one, two)[0, 1] > _ALIKE)
 
 
 def watts(history: DriveHistory, change: Change) -> float:
@@ -210,14 +211,17 @@ def prior(model: ChangeModel, catalogue: Catalogue) -> float:
     return float(-0.5 * (change.size / (_PRIOR_WIDTHS * width)) ** 2)
 
 
+def _limit(chance: Mapping[int, Floats]) -> Floats:
+    """Largest evidence of any drive in each random order [B]; [] without drives."""
+    return np.max([*chance.values()], axis=0) if chance else np.empty(0)
+
+
 def _certainties(
-    models: Sequence[ChangeModel], chance: Mapping[int, Floats], long: Sequence[int]
+    models: Sequence[ChangeModel], chance: Mapping[int, Floats]
 ) -> list[dict[str, float]]:
     out: list[dict[str, float]] = [{} for _ in models]
-    if not long:
-        return out
-    limit = np.max(list(chance.values()), axis=0)
-    for i in long:
+    limit = _limit(chance)
+    for i in chance:
         for change in models[i].best(hypotheses_of(models[i].history)):
             out[i][change.hypothesis] = 1.0 - chance_of(models[i].evidence(change), limit)
     return out
@@ -230,26 +234,19 @@ def _explained(
 ) -> list[Explained]:
     """Changes that would be certain if nobody knew the circumstances of the recordings."""
     known = {finding.drive for finding in findings}
+    limit = _limit(chance)
     out = []
     for i in chance:
         if not histories[i].names:
             continue
-        limit = np.max(list(chance.values()), axis=0)
-        model = ChangeModel.of(histories[i].without_covariates())
+        model = ChangeModel.of(histories[i].with_covariates(()))
         change = model.best(hypotheses_of(histories[i]))[0]
         if i in known or watts(histories[i], change) < _LEAST_EXPLAINED:
             continue
         if chance_of(model.evidence(change), limit) > _OF_COEFFICIENTS:
             continue
         names = histories[i].names
-        left = [_left(histories[i].with_covariates((name,)), change) for name in names]
-        out.append(Explained(i, change, names[int(np.argmin(left))]))
+        beside = [ChangeModel.of(histories[i].with_covariates((name,))) for name in names]
+        least = int(np.argmin([own.kept(change) for own in beside]))
+        out.append(Explained(i, change, names[least]))
     return out
-
-
-def _left(history: DriveHistory, change: Change) -> float:
-    """Statistic that a change keeps beside some covariates."""
-    model = ChangeModel.of(history)
-    score, information = model.contrast(model.direction(change.hypothesis))
-    course = change.profile.over(model.time)
-    return float((course @ score) ** 2 / max(float(course @ information @ course), 1e-12))

@@ -120,7 +120,7 @@ def growths(histories: Sequence[DriveHistory]) -> list[Growth]:
         p = chance_of(model.evidence(change), limit)
         if p > SHARE or change.size <= 0:
             continue
-        known = model.with_change(change)
+        known = model.with_changes(change)
         size = known.changes[0].size
         before = float(np.exp(known.levels[0][0]))
         after = before * float(np.exp(size))

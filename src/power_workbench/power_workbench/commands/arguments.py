@@ -33,7 +33,7 @@ def open(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--port', type=int, default=PORT, help=f'default {PORT}; 0 takes any that is free')
     add('--host', help='address to listen on beside this machine alone; needs --token')
     add('--token', help='of 16 characters or more, in place of a random one')
-    add('--no-browser', action='store_true', help='print the address only')
+    add('--no-browser', dest='browser', action='store_false', help='print the address only')
     options = parser.parse_args(args)
     if not 0 <= options.port <= 65535:
         raise InputError(f'--port {options.port}: it must lie in 0..65535')

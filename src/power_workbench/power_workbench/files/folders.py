@@ -38,10 +38,6 @@ class Folders:
         """Return roots of the paths that were named, links resolved; absent ones are left out."""
         return cls(tuple(dict.fromkeys(path.resolve() for path in named if path.exists())))
 
-    def with_root(self, path: Path) -> 'Folders':
-        """Return the folders with one more root."""
-        return Folders(tuple(dict.fromkeys([*self.roots, path.resolve()])))
-
     def within(self, given: str) -> Path:
         """Return a path that exists below a root, without links.
 

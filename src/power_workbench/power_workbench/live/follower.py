@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import load_catalogue
 from power_estimator.live.estimator import Status
 from power_estimator.live.session import MESSAGES, LiveSession, Vector
@@ -20,11 +19,9 @@ from power_recordings.messages.samples import (
     SupplySamples,
 )
 from power_recordings.reading.topic_buffers import TopicBuffer
+from wattwalk_core.arrays import Floats, Stamps
 from wattwalk_core.errors import InputError
 from wattwalk_core.recent_power import RecentBudget, RecentMean, parts_of
-
-Doubles = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 
 PERIOD = 20_000_000
 """ns, that a row covers."""
@@ -42,8 +39,8 @@ class PowerRows:
 
     stamp_ns: Stamps  # [N], ascending
     names: tuple[str, ...]  # [D]
-    measured: Doubles
-    estimate: Doubles
+    measured: Floats
+    estimate: Floats
 
 
 class RollingPower:
@@ -59,30 +56,27 @@ class RollingPower:
 
     def _forget(self) -> None:
         self._stamps: Stamps = np.zeros(0, np.int64)
-        self._power: Doubles = np.zeros((0, len(self.names)))
-        self._waiting: deque[tuple[int, Doubles]] = deque(maxlen=_MOST_WAITING)
+        self._power: Floats = np.zeros((0, len(self.names)))
+        self._waiting: deque[tuple[int, Floats]] = deque(maxlen=_MOST_WAITING)
         self._end = 0  # of the last row
 
-    def measured(self, names: Sequence[str], stamp_ns: Stamps, power: Doubles) -> None:
+    def measured(self, names: Sequence[str], stamp_ns: Stamps, power: Floats) -> None:
         """Take measured power W [n, D] with ascending stamps [n]; NaN for what does not count."""
         self._use(names)
         if len(self._stamps) and len(stamp_ns) and stamp_ns[0] < self._stamps[-1] - _KEPT:
             self._forget()  # time was set back: another simulation
-        columns = [list(names).index(name) if name in names else -1 for name in self.names]
         given = np.full((len(stamp_ns), len(self.names)), np.nan)
-        known = [i for i, column in enumerate(columns) if column >= 0]
-        given[:, known] = power[:, [columns[i] for i in known]]
+        given[:, [self.names.index(name) for name in names]] = power
         self._stamps = np.concatenate([self._stamps, stamp_ns])
         self._power = np.concatenate([self._power, given])
         recent = self._stamps > self._stamps[-1] - _KEPT if len(self._stamps) else slice(None)
         self._stamps, self._power = self._stamps[recent], self._power[recent]
 
-    def estimated(self, names: Sequence[str], stamp: int, power: Doubles) -> None:
+    def estimated(self, names: Sequence[str], stamp: int, power: Floats) -> None:
         """Take an estimate in W [D] over the 20 ms before its stamp (ns)."""
         self._use(names)
         row = np.full(len(self.names), np.nan)
-        for name, value in zip(names, power.tolist(), strict=True):
-            row[self.names.index(name)] = value
+        row[[self.names.index(name) for name in names]] = power
         if self._waiting and stamp < self._waiting[-1][0] - _KEPT:
             self._forget()
         self._waiting.append((stamp, row))
@@ -92,7 +86,7 @@ class RollingPower:
         newest = int(self._stamps[-1]) if len(self._stamps) else 0
         last = self._waiting[-1][0] if self._waiting else 0
         ends: list[int] = []
-        estimates: list[Doubles] = []
+        estimates: list[Floats] = []
         unknown = np.full(len(self.names), np.nan)
         while self._waiting and self._waiting[0][0] <= max(newest, last - _PATIENCE):
             end, row = self._waiting.popleft()
@@ -119,7 +113,7 @@ class RollingPower:
             self._end += PERIOD
             ends.append(self._end)
 
-    def _means(self, ends: Stamps) -> Doubles:
+    def _means(self, ends: Stamps) -> Floats:
         """Mean of the measured samples in the 20 ms before each end, [N, D]."""
         known = np.isfinite(self._power)
         blank = np.zeros((1, len(self.names)))
@@ -144,7 +138,7 @@ class RollingPower:
             self._waiting[index] = (stamp, np.concatenate([row, blank]))
 
 
-def _with_sum(measured: Doubles, estimate: Doubles) -> tuple[Doubles, Doubles]:
+def _with_sum(measured: Floats, estimate: Floats) -> tuple[Floats, Floats]:
     """Append the sums over the drives that are known in both, or in the only one there is."""
     both = np.isfinite(measured) & np.isfinite(estimate)
     out = []
@@ -207,18 +201,17 @@ class LiveFollower:
     def news(self, now: float) -> dict[str, Any]:
         """Decode what has come; return new rows, rates, faults and budget as content of JSON."""
         drained = {topic: buffer.drain()[1] for topic, buffer in self.buffers.items()}
-        measured, published = drained['drive_supply'], drained['power_estimate']
+        measured, supply, states, commands, published = drained.values()
         if isinstance(measured, DriveSamples) and len(measured):
             self.stamp = int(measured.stamp_ns[-1])
             power = np.where(measured.good, measured.power, np.nan).astype(np.float64)
             self._rolling.measured(measured.names, measured.stamp_ns, power)
             self._drives.add(measured.stamp_ns, power.sum(axis=1))
-        supply = drained['supply']
         if isinstance(supply, SupplySamples) and len(supply):
             self._supply.add(supply.stamp_ns, supply.power)
         if self._session is not None:
             try:
-                self._estimate(measured, drained['joint_commands'], drained['joint_states'], now)
+                self._estimate(measured, commands, states, now)
             except InputError as error:
                 self._session, self._fault = None, str(error)
         elif not self._spec and isinstance(published, EstimateSamples):
@@ -274,13 +267,15 @@ class LiveFollower:
                 self._rates[topic] = (buffer.count - self._counted[topic]) / span
                 self._counted[topic] = buffer.count
             self._counted_at = now
-        ages = {
-            topic: None if buffer.last is None else round(now - buffer.last, 1)
-            for topic, buffer in self.buffers.items()
-        }
-        rates = self._rates
+        lasts = {topic: buffer.last for topic, buffer in self.buffers.items()}
         return {
-            'heard': {t: {'rate': round(rates[t], 1), 'age': ages[t]} for t in TOPICS},
+            'heard': {
+                topic: {
+                    'rate': round(self._rates[topic], 1),
+                    'age': None if last is None else round(now - last, 1),
+                }
+                for topic, last in lasts.items()
+            },
             'model': self._spec or self._model_on_topic,
             'said': self._said(now),
             'faults': [

@@ -2,7 +2,7 @@
 
 import time
 from multiprocessing.connection import Connection
-from typing import Any, Final
+from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import NOTE
@@ -55,7 +55,11 @@ class LiveViewNode(Node):
                 buffer.take(cdr, now)
         try:
             while self._pipe.poll(0):
-                self._obey(*self._pipe.recv())
+                order, *arguments = self._pipe.recv()
+                if order == 'use':
+                    self._follower.use(*arguments)
+                else:
+                    self._report({NOTE: arguments[0]})
             if now >= self._sent + _NEWS:
                 self._sent = now
                 at, bag = self._recorder
@@ -65,12 +69,6 @@ class LiveViewNode(Node):
             if not self.done.done():
                 self.done.set_result(None)
         return _LOOK
-
-    def _obey(self, order: str, *arguments: Any) -> None:
-        if order == 'use':
-            self._follower.use(*arguments)
-        elif order == 'note':
-            self._report({NOTE: arguments[0]})
 
     def _report(self, figures: dict[str, str] | None = None) -> None:
         self._reporter.publish(Report(Level.OK, 'following', figures or {}))

@@ -3,6 +3,7 @@
 import datetime
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -123,7 +124,7 @@ def take(manager: SessionManager, session: WorkbenchSession, content: Mapping[st
 
 def _folders(manager: SessionManager, session: WorkbenchSession) -> Folders:
     """The folders that were named, and that of the session."""
-    return manager.folders.with_root(session.folder)
+    return Folders.of([*manager.folders.roots, session.folder])
 
 
 def check_spec(manager: SessionManager, session: WorkbenchSession, spec: str) -> None:
@@ -152,15 +153,9 @@ def leave_out(
     session.take(replace(opened, without=without, rmse_w={}))
 
 
-def _of_model(request: str) -> Action:
-    """An action that begins work on the present model."""
-
-    def begin(
-        manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
-    ) -> None:
-        session.begin(request)
-
-    return begin
+def _begin(request: str, _: SessionManager, session: WorkbenchSession, __: object) -> None:
+    """Begin work on the present model."""
+    session.begin(request)
 
 
 def record(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
@@ -218,8 +213,8 @@ def select(
     """Answer a selection with the states of the map and the parts of the traces to light up.
 
     content: a `Selection`, which has a box of the map, a span of the traces (s) or a regime.
-    Returns the packed bytes of `answers.selected`. InputError for none of the three, or a regime
-    that is not there.
+    Returns bytes of `answers.packed`: errors in words, points of the map, parts of the traces.
+    InputError for none of the three, or a regime that is not there.
     """
     chosen, view = parse(Selection, content, 'selection'), answers.view_of(session)
     if chosen.box is not None:
@@ -236,14 +231,14 @@ def select(
     drive = str(found.content['drive'])
     place = (chosen.shown or drive, chosen.start, chosen.stop, chosen.width)
     points = maps.scatter_points(view, drive, found.rows, chosen.x, chosen.y)
-    return answers.selected(found.content, points, answers.lit(view, found.rows, *place))
+    return answers.packed({**points, **answers.lit(view, found.rows, *place)}, found.content)
 
 
 ACTIONS: Mapping[str, Action] = {
     'step': take,
     'go': go,
     'leave_out': leave_out,
-    **{name: _of_model(name) for name in ('diagnose', 'discover', 'report')},
+    **{name: partial(_begin, name) for name in ('diagnose', 'discover', 'report')},
     'bench': record,
     'line': line,
     'cancel': cancel,

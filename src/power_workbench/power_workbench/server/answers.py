@@ -114,16 +114,17 @@ def coefficients_before(session: WorkbenchSession) -> dict[str, Any]:
 def _commands(session: WorkbenchSession, record: SessionRecord) -> dict[str, str]:
     if record.opened is None:
         return {}
-    budget = {'budget': session.commands.budget(record)}
+    commands = session.commands
+    budget = {'budget': commands.budget(record)}
     if not session.spec:
         return budget
     return {
         **budget,
-        'compare': session.commands.compare(record),
-        'diagnose': session.commands.diagnose(record),
-        'report': session.commands.diagnose(record, '--report', 'why.html'),
-        'motion': session.commands.diagnose(record, '--motion', 'next.yaml', '--limits'),
-        'discover': session.commands.discover(record, 'effect.py'),
+        'compare': commands.compare(record),
+        'diagnose': commands.on_model(record, 'diagnose'),
+        'report': commands.on_model(record, 'diagnose', '--report', 'why.html'),
+        'motion': commands.on_model(record, 'diagnose', '--motion', 'next.yaml', '--limits'),
+        'discover': commands.on_model(record, 'discover', '-o', 'effect.py'),
     }
 
 
@@ -240,10 +241,8 @@ def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -
 
     width: pixels, of which each block has two. A header in JSON precedes the float32 arrays.
     """
-    own, window = column(view, meter), _window(view, start, stop)
-    most = _most(width)
-    spans = {name: p.span(*window, most) for name, p in view.traces.items()}
-    return _packed(spans, own)
+    own, window = column(view, meter), (*_window(view, start, stop), _most(width))
+    return _packed({name: p.span(*window) for name, p in view.traces.items()}, own)
 
 
 def lit(
@@ -265,13 +264,6 @@ def lit(
         out[f'lit_{name}'] = _woven(span, 0)
         out['lit_t'] = _times(span)
     return out
-
-
-def selected(
-    content: Mapping[str, Any], points: Mapping[str, Singles], lit: Mapping[str, Singles]
-) -> bytes:
-    """Pack a selection: content as JSON header, points of the map, its part of the traces."""
-    return _message({**points, **lit}, content)
 
 
 def preview(
@@ -352,11 +344,11 @@ def _column(values: Singles, own: int) -> Singles:
 def _packed(spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None) -> bytes:
     arrays = {'t': _times(next(iter(spans.values())))}
     arrays |= {name: _woven(span, own) for name, span in spans.items()}
-    return _message(arrays, more or {})
+    return packed(arrays, more or {})
 
 
-def _message(arrays: Mapping[str, Singles], more: Mapping[str, Any]) -> bytes:
-    """Length of a header, the header as JSON, then float32 arrays in its order."""
+def packed(arrays: Mapping[str, Singles], more: Mapping[str, Any]) -> bytes:
+    """Pack the length of a header, the header as JSON, then float32 arrays in its order."""
     lengths = [[name, len(values)] for name, values in arrays.items()]
     header = json.dumps({'arrays': lengths, **more}).encode()
     header += b' ' * (-(4 + len(header)) % 4)

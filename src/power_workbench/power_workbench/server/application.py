@@ -2,8 +2,8 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Mapping
-from functools import cache, partial
+from collections.abc import AsyncIterator, Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -39,37 +39,35 @@ def application(manager: SessionManager) -> Starlette:
     stream = _News()
     manager.streamed = stream.tell
 
-    def of_session(route: Callable[[WorkbenchSession, Request], Any]) -> Callable[[Request], Any]:
-        """A route of one session whose work is done beside the event loop."""
+    def session_of(request: Request) -> WorkbenchSession:
+        return manager.session(request.path_params['session'])
 
-        async def answer(request: Request) -> Response:
-            def work() -> Response:
-                found = route(manager.session(request.path_params['session']), request)
-                return found if isinstance(found, Response) else _json(found)
+    def of_session(route: Callable[[WorkbenchSession, Request], Any]) -> Callable[..., Response]:
+        """A route of one session; Starlette runs it beside the event loop."""
 
-            return await _told(work)
+        def answer(request: Request) -> Response:
+            found = route(session_of(request), request)
+            return found if isinstance(found, Response) else _json(found)
 
         return answer
 
-    def action(
-        route: Callable[[SessionManager, WorkbenchSession, Mapping[str, Any]], Any],
-    ) -> Callable[..., Any]:
+    def action(route: actions.Action) -> Callable[..., Any]:
         """A route that changes a session; its body is an object."""
 
         async def answer(request: Request) -> Response:
             try:
                 content = json.loads(await request.body() or b'{}')
             except (ValueError, RecursionError):
-                return _json({'error': 'the body is no JSON'}, 400)
+                raise InputError('the body is no JSON') from None
             if not isinstance(content, dict):
-                return _json({'error': 'the body is no object'}, 400)
+                raise InputError('the body is no object')
 
             def work() -> Response:
-                session = manager.session(request.path_params['session'])
+                session = session_of(request)
                 found = route(manager, session, content) or {'revision': session.revision}
                 return _binary(found) if isinstance(found, bytes) else _json(found)
 
-            return await _told(work)
+            return await run_in_threadpool(work)
 
         return answer
 
@@ -77,24 +75,21 @@ def application(manager: SessionManager) -> Starlette:
         """Return the state once it is newer than the page's, or after some time."""
         after = _number(request, 'after', -1.0)
         try:
-            session = await run_in_threadpool(manager.session, request.path_params['session'])
+            session = await run_in_threadpool(session_of, request)
         except InputError as error:
             return _json({'error': str(error)}, 404)
         await news.wait(lambda: session.revision > after or manager.ending, _PATIENCE)
-        return await _told(lambda: _json(answers.state(session)))
+        return _json(await run_in_threadpool(answers.state, session))
 
     async def live(request: Request) -> Response:
         """Return the news of running nodes as events, for as long as the page listens."""
         given = request.query_params.get('model', '')
 
-        def model() -> tuple[str, tuple[str, ...]]:
-            return (given or session.spec if given != TOPIC else ''), session.allowed_effects
-
-        def more(session: WorkbenchSession, seen: int) -> bool:
+        def more(seen: int) -> bool:
             return manager.ending or session.live.has_more(seen)
 
         def begin() -> WorkbenchSession:
-            session = manager.session(request.path_params['session'])
+            session = session_of(request)
             if given not in ('', TOPIC):
                 actions.check_spec(manager, session, given)
             session.live.join()
@@ -104,52 +99,44 @@ def application(manager: SessionManager) -> Starlette:
             seen = 0
             try:
                 while not manager.ending:
-                    spec, effect_files = model()
-                    await run_in_threadpool(session.live.use, spec, effect_files)
-                    await stream.wait(partial(more, session, seen), _PATIENCE)
+                    spec = '' if given == TOPIC else given or session.spec
+                    await run_in_threadpool(session.live.use, spec, session.allowed_effects)
+                    await stream.wait(partial(more, seen), _PATIENCE)
                     seen, new = session.live.after(seen)
                     yield ''.join(f'data: {json.dumps(one)}\n\n' for one in new) or ':\n\n'
             finally:
                 session.live.leave()
 
-        try:
-            session = await run_in_threadpool(begin)
-        except InputError as error:
-            return _json({'error': str(error)}, 400)
+        session = await run_in_threadpool(begin)
         return StreamingResponse(events(), media_type='text/event-stream', headers=_FRESH)
 
     async def upload(request: Request) -> Response:
         """Keep a log of the page's file chooser beside the session."""
-        try:
-            session = await run_in_threadpool(manager.session, request.path_params['session'])
-            name, length = request.query_params.get('name', ''), request.headers['content-length']
-            return _json(await keep_log(session.folder, name, int(length), request.stream()))
-        except InputError as error:
-            return _json({'error': str(error)}, 400)
+        session = await run_in_threadpool(session_of, request)
+        name, length = request.query_params.get('name', ''), request.headers['content-length']
+        return _json(await keep_log(session.folder, name, int(length), request.stream()))
 
-    async def sessions(request: Request) -> Response:
+    def sessions(request: Request) -> Response:
         if request.method == 'POST':
-            return await _told(lambda: _json({'session': manager.new()}))
-        return await _told(lambda: _json({'sessions': manager.sessions()}))
+            return _json({'session': manager.new()})
+        return _json({'sessions': manager.sessions()})
 
-    async def known(request: Request) -> Response:
-        def work() -> Response:
-            return _json(
-                {
-                    'recordings': manager.folders.recordings(),
-                    'logs': manager.folders.logs(),
-                    'endings': ENDINGS,
-                    'models': manager.folders.models(),
-                    'catalogue': answers.catalogue_content(load_catalogue()),
-                    'families': answers.families_content(),
-                    'folders': [str(root) for root in manager.folders.roots],
-                }
-            )
-
-        return await _told(work)
+    def known(request: Request) -> Response:
+        return _json(
+            {
+                'recordings': manager.folders.recordings(),
+                'logs': manager.folders.logs(),
+                'endings': ENDINGS,
+                'models': manager.folders.models(),
+                'catalogue': answers.catalogue_content(load_catalogue()),
+                'families': answers.families_content(),
+                'folders': [str(root) for root in manager.folders.roots],
+            }
+        )
 
     here = '/api/sessions/{session}'
     return Starlette(
+        exception_handlers={InputError: _mistake},
         routes=[
             Route('/', _page),
             Route('/page/{name}', _page),
@@ -171,7 +158,7 @@ def application(manager: SessionManager) -> Starlette:
                 Route(f'{here}/{name}', action(route), methods=['POST'])
                 for name, route in actions.ACTIONS.items()
             ),
-        ]
+        ],
     )
 
 
@@ -207,12 +194,9 @@ class _News:
             self._waiting.discard(event)
 
 
-async def _told(work: Callable[[], Response]) -> Response:
-    """Do work in a thread; what the user can correct is an answer."""
-    try:
-        return await run_in_threadpool(work)
-    except InputError as error:
-        return _json({'error': str(error)}, 400)
+def _mistake(_: Request, error: Exception) -> Response:
+    """What the user can correct is an answer."""
+    return _json({'error': str(error)}, 400)
 
 
 def _json(content: Any, status: int = 200) -> Response:
@@ -282,14 +266,10 @@ async def _page(request: Request) -> Response:
 
 
 async def _plotly(request: Request) -> Response:
-    headers = {'Cache-Control': 'private, max-age=86400'}
-    return Response(_library(), media_type='text/javascript', headers=headers)
-
-
-@cache
-def _library() -> bytes:
     """The plotting library as the Python package has it, whose import takes a second."""
     package = find_spec('plotly')
     assert package is not None
     assert package.origin is not None
-    return (Path(package.origin).parent / 'package_data' / 'plotly.min.js').read_bytes()
+    path = Path(package.origin).parent / 'package_data' / 'plotly.min.js'
+    headers = {'Cache-Control': 'private, max-age=86400'}
+    return FileResponse(path, media_type='text/javascript', headers=headers)

@@ -1,17 +1,13 @@
 """Who may ask the server for anything: token, host, origin, size of bodies."""
 
 import secrets
-from collections.abc import Awaitable, Callable, Collection, MutableMapping
-from http.cookies import CookieError, SimpleCookie
-from typing import Any
-from urllib.parse import parse_qs
+from collections.abc import Collection
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from power_workbench.files.logs import LARGEST_LOG
-
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 LONGEST_BODY = 256 * 1024
 """Bytes."""
@@ -39,83 +35,60 @@ class PageGuard:
     no other site can make a browser send, from then on; or it is in the header X-Token.
     """
 
-    def __init__(self, app: App, token: str, hosts: Collection[str], cookie: str) -> None:
+    def __init__(self, app: ASGIApp, token: str, hosts: Collection[str], cookie: str) -> None:
         self._app, self._token, self._cookie = app, token, cookie
         self._hosts = frozenset(host.lower() for host in hosts)
         self._origins = frozenset(f'http://{host}' for host in self._hosts)
 
-    async def __call__(
-        self, scope: MutableMapping[str, Any], receive: Receive, send: Send
-    ) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
-        if scope['type'] == 'lifespan':
-            await self._app(scope, receive, send)
-            return
         if scope['type'] != 'http':
             return
-        headers = {
-            name.decode('latin-1').lower(): value.decode('latin-1')
-            for name, value in scope['headers']
-        }
-        refused = self._refusal(scope, headers)
+        request = Request(scope)
+        refused = self._refusal(request)
         if refused is not None:
-            await _answer(send, *refused)
-            return
-        if self._in_address(scope):
-            await _answer(send, 303, '', self._welcome())
-            return
-        await self._pass(scope, receive, send)
+            await _answer(*refused)(scope, receive, send)
+        elif self._in_address(request):
+            cookie = f'{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
+            welcome = _answer(303, '', {'location': '/', 'set-cookie': cookie})
+            await welcome(scope, receive, send)
+        else:
+            await self._pass(scope, receive, send)
 
-    def _refusal(
-        self, scope: MutableMapping[str, Any], headers: MutableMapping[str, str]
-    ) -> tuple[int, str] | None:
+    def _refusal(self, request: Request) -> tuple[int, str] | None:
+        headers, method = request.headers, request.method
         if headers.get('host', '').lower() not in self._hosts:
             return 403, 'This is not the address of the workbench.'
         origin = headers.get('origin')
         if origin is not None and origin.lower() not in self._origins:
             return 403, 'Another site may not ask the workbench for anything.'
-        if not (self._in_address(scope) or self._known(headers)):
+        given = headers.get('x-token') or request.cookies.get(self._cookie, '')
+        if not (self._in_address(request) or self._is_token(given)):
             return 403, (
                 'The token is missing or wrong. Open the address that the command printed '
                 '(with ?token=… at its end).'
             )
-        if scope['method'] not in ('GET', 'HEAD', 'POST'):
+        if method not in ('GET', 'HEAD', 'POST'):
             return 405, 'Only GET and POST are answered.'
-        if scope['method'] == 'POST':
-            upload = scope['path'].endswith(UPLOAD)
+        if method == 'POST':
+            upload = request.scope['path'].endswith(UPLOAD)
             kind = 'application/octet-stream' if upload else 'application/json'
             if headers.get('content-type', '').partition(';')[0].strip() != kind:
                 return 415, f'A body must be {kind}.'
             length = headers.get('content-length', '' if upload else '0')
-            if not length.isdecimal() or len(length) > 18 or int(length) > _most(scope):
-                return 413, _too_long(scope)
+            most = LARGEST_LOG if upload else LONGEST_BODY
+            if not length.isdecimal() or len(length) > 18 or int(length) > most:
+                return 413, _too_long(most)
         return None
 
-    def _in_address(self, scope: MutableMapping[str, Any]) -> bool:
-        if scope['path'] != '/' or scope['method'] != 'GET':
-            return False
-        given = parse_qs(scope['query_string'].decode('latin-1')).get('token', [''])[0]
-        return self._is_token(given)
-
-    def _known(self, headers: MutableMapping[str, str]) -> bool:
-        given = headers.get('x-token', '')
-        if not given:
-            jar: SimpleCookie = SimpleCookie()
-            try:
-                jar.load(headers.get('cookie', ''))
-            except CookieError:
-                return False
-            given = jar[self._cookie].value if self._cookie in jar else ''
-        return self._is_token(given)
+    def _in_address(self, request: Request) -> bool:
+        is_page = request.scope['path'] == '/' and request.method == 'GET'
+        return is_page and self._is_token(request.query_params.get('token', ''))
 
     def _is_token(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self._token.encode())
 
-    def _welcome(self) -> list[tuple[bytes, bytes]]:
-        cookie = f'{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
-        return [(b'location', b'/'), (b'set-cookie', cookie.encode())]
-
-    async def _pass(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
+    async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Read a body within its limit, then let the application answer.
 
         A file is not read here: the server ends it at the length that was checked.
@@ -131,7 +104,7 @@ class PageGuard:
                 body += message.get('body', b'')
                 more = message.get('more_body', False)
                 if len(body) > LONGEST_BODY:
-                    await _answer(send, 413, _too_long(scope))
+                    await _answer(413, _too_long(LONGEST_BODY))(scope, receive, send)
                     return
         whole: list[Message] = [{'type': 'http.request', 'body': body, 'more_body': False}]
 
@@ -140,35 +113,17 @@ class PageGuard:
 
         async def dressed(message: Message) -> None:
             if message['type'] == 'http.response.start':
-                message['headers'] = [*message['headers'], *_dress()]
+                own = ((name.lower().encode(), text.encode()) for name, text in _HEADERS.items())
+                message['headers'] = [*message['headers'], *own]
             await send(message)
 
         await self._app(scope, receive if upload else read, dressed)
 
 
-def _most(scope: MutableMapping[str, Any]) -> int:
-    return LARGEST_LOG if scope['path'].endswith(UPLOAD) else LONGEST_BODY
+def _too_long(most: int) -> str:
+    return f'A body may have {most} bytes.'
 
 
-def _too_long(scope: MutableMapping[str, Any]) -> str:
-    return f'A body may have {_most(scope)} bytes.'
-
-
-def _dress() -> list[tuple[bytes, bytes]]:
-    return [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
-
-
-async def _answer(
-    send: Send, status: int, text: str, more: list[tuple[bytes, bytes]] | None = None
-) -> None:
-    body = text.encode()
-    headers = [
-        (b'content-type', b'text/plain; charset=utf-8'),
-        (b'content-length', str(len(body)).encode()),
-        (b'cache-control', b'no-store'),
-        (b'connection', b'close'),
-        *(more or []),
-        *_dress(),
-    ]
-    await send({'type': 'http.response.start', 'status': status, 'headers': headers})
-    await send({'type': 'http.response.body', 'body': body})
+def _answer(status: int, text: str, more: dict[str, str] | None = None) -> PlainTextResponse:
+    own = {'cache-control': 'no-store', 'connection': 'close'}
+    return PlainTextResponse(text, status, {**own, **(more or {}), **_HEADERS})

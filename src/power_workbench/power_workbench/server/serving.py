@@ -3,6 +3,7 @@
 import secrets
 import socket
 import webbrowser
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -25,26 +26,25 @@ _FOLDERS = (Path('bags'),)
 class Opening:
     """Options with which the workbench is opened, as its command takes them."""
 
-    bags: tuple[Path, ...] = ()
-    model: str = ''
-    drives: tuple[str, ...] = ()
+    bags: Sequence[Path] = ()
+    model: str | None = None
+    drives: Sequence[str] = ()
     slow: bool = False
     anyway: bool = False
-    effect_files: tuple[str, ...] = ()
+    effects_path: Sequence[Path] = ()
     folder: Path = Path('workbench')
-    host: str = ''
+    host: str | None = None
     port: int = 0
-    token: str = ''
+    token: str | None = None
     browser: bool = False
 
     def manager(self) -> SessionManager:
         """Return a manager of sessions, with the steps that a new session begins with."""
-        is_file = self.model.endswith(('.yaml', '.yml'))
-        files = [Path(self.model)] if is_file else []
-        if self.model.startswith('ppn:'):
-            files.append(Path(self.model.removeprefix('ppn:')))
-        named = [*self.bags, *files, *map(Path, self.effect_files), *_FOLDERS]
-        effects = [str(Path(file).resolve()) for file in self.effect_files]
+        spec = self.model or ''
+        is_file = spec.endswith(('.yaml', '.yml'))
+        files = [Path(spec.removeprefix('ppn:'))] if is_file or spec.startswith('ppn:') else []
+        named = [*self.bags, *files, *self.effects_path, *_FOLDERS]
+        effects = [str(file.resolve()) for file in self.effects_path]
         steps = [SessionStep('effects', file=file) for file in effects]
         bags = tuple(str(path.resolve()) for path in self.bags if _is_recording(path))
         if bags:
@@ -52,14 +52,14 @@ class Opening:
                 SessionStep(
                     'open',
                     recordings=bags,
-                    drives=self.drives,
+                    drives=tuple(self.drives),
                     slow=self.slow,
                     anyway=self.anyway,
                 )
             )
-            if self.model:
-                spec = str(Path(self.model).resolve()) if is_file else self.model
-                steps.append(SessionStep('load', file=spec))
+            if spec:
+                file = str(Path(spec).resolve()) if is_file else spec
+                steps.append(SessionStep('load', file=file))
         return SessionManager(
             self.folder.resolve(), Folders.of(named), tuple(steps), approved=tuple(effects)
         )

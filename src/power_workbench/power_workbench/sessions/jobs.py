@@ -1,19 +1,14 @@
 """Work of a session in a process of its own: started, watched, cancelled by its end."""
 
-import os
-import socket
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
+from power_workbench.piped_process import PipedProcess
+
 State = Literal['running', 'done', 'error', 'cancelled']
-_WORKER = 'power_workbench.sessions.worker_process'
 _LOST = 'the worker ended unexpectedly (out of memory?); the steps so far are kept, try again'
 
 
@@ -45,7 +40,7 @@ class SessionJob:
         }
 
 
-class JobRunner:
+class JobRunner(PipedProcess):
     """Worker process of a session, which does one job at a time.
 
     The listener is called in a separate thread with (job, kind, content) for every message, job
@@ -54,21 +49,14 @@ class JobRunner:
     """
 
     def __init__(self, listener: Callable[[SessionJob | None, str, Any], None]) -> None:
+        super().__init__('power_workbench.sessions.worker_process')
         self._listener = listener
-        self._lock = threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: Connection | None = None
         self.job: SessionJob | None = None
 
     @property
     def busy(self) -> bool:
         """True while a job runs."""
         return self.job is not None and self.job.state == 'running'
-
-    @property
-    def pid(self) -> int | None:
-        """Process id of the worker, None while there is none."""
-        return None if self._process is None else self._process.pid
 
     def warm(self) -> None:
         """Start the worker process, so that its imports are done when the first job comes."""
@@ -80,81 +68,41 @@ class JobRunner:
         with self._lock:
             if self.busy:
                 raise RuntimeError('a job is running')
-            self._start()
-            assert self._pipe is not None
             self.job = SessionJob(name)
-            self._pipe.send((request, dict(arguments)))
+            self._request(request, arguments)
             return self.job
 
     def beside(self, request: str, arguments: Mapping[str, Any]) -> None:
         """Call a method of `SessionWorker` that may run while a job does, without a job."""
         with self._lock:
-            self._start()
-            assert self._pipe is not None
-            self._pipe.send((request, dict(arguments)))
+            self._request(request, arguments)
+
+    def _request(self, request: str, arguments: Mapping[str, Any]) -> None:
+        self._start()
+        assert self._pipe is not None
+        self._pipe.send((request, dict(arguments)))
 
     def cancel(self) -> None:
         """End the running job with its process, and with what that had loaded."""
         with self._lock:
-            job = self.job
-            if job is None or job.state != 'running':
+            if not self.busy:
                 return
-            job.state, job.ended = 'cancelled', time.monotonic()
-            self._stop()
+            job = self.job
+            self._end()
         self._listener(job, 'cancelled', None)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, and with it a running job."""
         with self._lock:
-            if self.job is not None and self.job.state == 'running':
-                self.job.state, self.job.ended = 'cancelled', time.monotonic()
-            self._stop()
+            self._end()
 
-    def _start(self) -> None:
-        if self._process is not None and self._process.poll() is None:
-            return
+    def _end(self) -> None:
+        if self.job is not None and self.busy:
+            self.job.state, self.job.ended = 'cancelled', time.monotonic()
         self._stop()
-        own, other = socket.socketpair()
-        with other:
-            self._process = subprocess.Popen(
-                [
-                    sys.executable,
-                    '-m',
-                    _WORKER,
-                    str(other.fileno()),
-                ],
-                pass_fds=[other.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-        self._pipe = Connection(own.detach())
-        arguments = (self._pipe, self._process)
-        threading.Thread(target=self._listen, args=arguments, daemon=True).start()
 
-    def _stop(self) -> None:
-        process, pipe, self._process, self._pipe = self._process, self._pipe, None, None
-        if process is not None:
-            process.kill()
-            process.wait()
-        if pipe is not None:
-            # A thread may read from it: the other end is gone, so that it ends by itself.
-            with suppress(OSError):
-                socket.socket(fileno=os.dup(pipe.fileno())).shutdown(socket.SHUT_RDWR)
-
-    def _listen(self, pipe: Connection, process: 'subprocess.Popen[bytes]') -> None:
-        try:
-            while True:
-                kind, content = pipe.recv()
-                self._heard(pipe, kind, content)
-        except (EOFError, OSError):
-            self._heard(pipe, 'error', _LOST)
-        finally:
-            with suppress(OSError):
-                pipe.close()
-            process.wait()
-
-    def _heard(self, pipe: Connection, kind: str, content: Any) -> None:
+    def _heard(self, pipe: Connection, message: tuple[str, Any] | None) -> None:
+        kind, content = message or ('error', _LOST)
         with self._lock:
             job = None if kind == 'budget' else self.job
             if pipe is not self._pipe or (kind != 'budget' and not self.busy):

@@ -25,15 +25,13 @@ from wattwalk_core.files import code_fingerprint
 from power_workbench.sessions.source import Source
 from power_workbench.views.view import PowerView, StateWords
 
-_MAGIC = b'wattwalk arrays\n'
-_LENGTH = struct.Struct('<Q')
-_LARGEST_HEADER = 1 << 24  # bytes
+_HEAD = struct.Struct('<IQ')  # checksum of all that follows, bytes of the header
 _ALIGNED = 64  # bytes
 _KINDS = ('<f4', '<f8', '<i4', '<i8', '|u1')
 
 
 class DamagedFileError(ValueError):
-    """Error for a file of arrays that is torn, of another format, or fails its checksums."""
+    """Error for a file of arrays that is torn, of another format, or fails its checksum."""
 
 
 @dataclass(frozen=True)
@@ -47,26 +45,27 @@ class ArrayFile:
         """Write under a temporary name, then rename it to path; return the file's size in bytes.
 
         OSError leaves nothing behind; TypeError for arrays other than 32- and 64-bit numbers and
-        bytes. It is not forced to the disk: a power cut may tear it, which its checksums tell.
+        bytes. It is not forced to the disk: a power cut may tear it, which its checksum tells.
         """
         rows, place = {}, 0
+        parts: list[bytes | memoryview] = []
         for name, values in self.arrays.items():
             kind = values.dtype.newbyteorder('<').str
             if kind not in _KINDS:
                 raise TypeError(f'{name}: {kind} is none of {", ".join(_KINDS)}')
-            rows[name] = (kind, list(values.shape), place, zlib.crc32(_bytes(values)))
-            place += _padded(values.nbytes)
+            rows[name] = (kind, list(values.shape), place)
+            whole = np.ascontiguousarray(values, kind).reshape(-1).view(np.uint8)
+            parts += [whole.data, bytes(-len(whole) % _ALIGNED)]
+            place += len(whole) + len(parts[-1])
         header = json.dumps({'arrays': rows, 'about': self.about}).encode()
-        start = len(_MAGIC) + 12
-        header += b' ' * (_padded(start + len(header)) - start - len(header))
+        header += b' ' * (-(_HEAD.size + len(header)) % _ALIGNED)
+        checksum = zlib.crc32(header, zlib.crc32(_HEAD.pack(0, len(header))[4:]))
+        for part in parts:
+            checksum = zlib.crc32(part, checksum)
         temporary = path.with_name(f'.{path.name}.{os.getpid()}')
         try:
             with temporary.open('wb') as file:
-                file.write(_MAGIC + _LENGTH.pack(len(header)))
-                file.write(struct.pack('<I', zlib.crc32(header)) + header)
-                for values in self.arrays.values():
-                    file.write(_bytes(values))
-                    file.write(b'\0' * (_padded(values.nbytes) - values.nbytes))
+                file.writelines([_HEAD.pack(checksum, len(header)), header, *parts])
                 size = file.tell()
             temporary.replace(path)
         except OSError:
@@ -78,35 +77,19 @@ class ArrayFile:
     @classmethod
     def read(cls, path: Path) -> 'ArrayFile':
         """Map a file into memory; OSError where there is none, DamagedFileError for another."""
-        with path.open('rb') as file:
-            start = file.read(len(_MAGIC) + 12)
-            if len(start) < len(_MAGIC) + 12 or not start.startswith(_MAGIC):
-                raise DamagedFileError(f'{path} holds no arrays')
-            (length,) = _LENGTH.unpack_from(start, len(_MAGIC))
-            if length > _LARGEST_HEADER:
-                raise DamagedFileError(f'{path} is torn')
-            header = file.read(length)
-        if len(header) < length or zlib.crc32(header) != int.from_bytes(start[-4:], 'little'):
+        if path.stat().st_size < _HEAD.size:
+            raise DamagedFileError(f'{path} holds no arrays')
+        mapped = np.memmap(path, np.uint8, 'r')
+        checksum, length = _HEAD.unpack_from(mapped.data)
+        if zlib.crc32(mapped[4:].data) != checksum:
             raise DamagedFileError(f'{path} is torn')
-        content = json.loads(header)
-        mapped = np.memmap(path, np.uint8, 'r', offset=len(start) + length)
+        content = json.loads(bytes(mapped[_HEAD.size : _HEAD.size + length]))
         arrays = {}
-        for name, (kind, shape, place, checksum) in content['arrays'].items():
+        for name, (kind, shape, place) in content['arrays'].items():
+            first = _HEAD.size + length + place
             size = int(np.prod(shape, dtype=np.int64)) * np.dtype(kind).itemsize
-            part = mapped[place : place + size]
-            if len(part) != size or zlib.crc32(part.data) != checksum:
-                raise DamagedFileError(f'{path}: {name} is torn')
-            arrays[name] = np.asarray(part).view(kind).reshape(shape)
+            arrays[name] = np.asarray(mapped[first : first + size]).view(kind).reshape(shape)
         return cls(arrays, content['about'])
-
-
-def _bytes(values: NDArray[Any]) -> memoryview:
-    whole = np.ascontiguousarray(values, values.dtype.newbyteorder('<'))
-    return whole.reshape(-1).view(np.uint8).data
-
-
-def _padded(size: int) -> int:
-    return -(-size // _ALIGNED) * _ALIGNED
 
 
 FOLDER = 'workbench_cache'
@@ -168,14 +151,7 @@ class OpenedCache:
             stamps = [Stamp.of(Path(path)) for path in source.recordings]
         except InputError:
             return ''
-        how = (
-            stamps,
-            source.recordings,
-            source.drives,
-            source.slow,
-            source.anyway,
-            source.without,
-        )
+        how = (stamps, *vars(source.unchecked).values())
         return hashlib.sha256(f'{code_fingerprint(*_CODE)} {how}'.encode()).hexdigest()[:32]
 
     def opening(self, key: str) -> KeptOpening | None:
@@ -209,7 +185,7 @@ class OpenedCache:
                 os.utime(path)  # used last
         except OSError:
             return None
-        except (DamagedFileError, ValueError):
+        except ValueError:
             with suppress(OSError):
                 path.unlink(missing_ok=True)
             return None

@@ -60,11 +60,7 @@ def replay_steps(
                 step = replace(step, file=str(folder / step.model))
             name = step.model or 'model_0.yaml'
             result = worker.shape(tell, source, taken.spec(output), step, output / name)
-            now = {
-                meter: own['rmse_w']
-                for meter, own in result['view'].content['drives'].items()
-                if own['rmse_w'] is not None
-            }
-            found.append(Replayed(f'{step.kind} {", ".join(step.effects)}', step.rmse_w, now))
+            label = f'{step.kind} {", ".join(step.effects)}'
+            found.append(Replayed(label, step.rmse_w, result['view'].errors))
         taken = after
     return found

@@ -367,13 +367,7 @@ class WorkbenchSession:
             step = replace(step, model=result['model'])
         record = self.record.do(step)
         if view is not None and view.content:
-            record = record.judged(
-                {
-                    meter: own['rmse_w']
-                    for meter, own in view.content['drives'].items()
-                    if own['rmse_w'] is not None
-                }
-            )
+            record = record.judged(view.errors)
         record.save(self.folder)
         before, self.record = self._key(), record
         if step.kind == 'effects':

@@ -68,20 +68,14 @@ class SeenModels:
     lines: dict[Source, list[Mapping[str, Any]]] = field(default_factory=dict)
 
     def keep(self, key: Key, view: PowerView) -> None:
-        """Keep a view as the latest; the eldest of four gives way."""
-        self.views.pop(key, None)
-        while len(self.views) >= _KEPT:
-            self.views.pop(next(iter(self.views)))
-        self.views[key] = view
+        """Keep a view as the latest."""
+        _keep(self.views, key, view)
 
     def keep_budget(self, key: Key, budget: Mapping[str, Any]) -> None:
         """Keep a budget as the latest, unless it is a first look and a whole one is known."""
-        known = self.budgets.pop(key, None)
-        if known is not None and budget.get('first') and not known.get('first'):
-            budget = known
-        while len(self.budgets) >= _KEPT:
-            self.budgets.pop(next(iter(self.budgets)))
-        self.budgets[key] = budget
+        known = self.budgets.get(key)
+        is_worse = known is not None and budget.get('first') and not known.get('first')
+        _keep(self.budgets, key, known if is_worse else budget)
 
     def keep_line(self, source: Source, line: Mapping[str, Any]) -> None:
         """Keep name and error of another model, in place of a former entry of that name."""
@@ -96,3 +90,11 @@ class SeenModels:
             self.views[key] = self.views[before]
         if before in self.learned:
             self.learned[key] = self.learned[before]
+
+
+def _keep(kept: dict[Key | None, Any], key: Key, value: Any) -> None:
+    """Keep a value as the latest; the eldest of four gives way."""
+    kept.pop(key, None)
+    while len(kept) >= _KEPT:
+        kept.pop(next(iter(kept)))
+    kept[key] = value

@@ -175,22 +175,21 @@ class Commands:
             return _joined('power_lab fit BAG', ['--effects-path', shown_path(step.file)])
         if opened is None:
             return ''
-        bags = [*map(shown_path, opened.recordings)]
+        bags = self._bags(before)
         if step.kind == 'load':
-            return self.compare(before, self._spec(step.file))
+            return self.compare(before, step.file)
         if step.kind == 'add':
             words = ['add', *step.effects, '--to', self._spec(spec), '--bag', *bags]
             return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
-        effects: Sequence[str] = step.effects
-        if step.kind == 'remove':
-            effects = [name for name in effects_before(before) if name not in step.effects]
+        # A model whose effects are removed is fitted anew with those that are left.
+        effects = effects_of(record.go(index + 1))
         words = ['fit', *bags, '--effects', ','.join(effects)]
         words += ['--base', step.base] if step.base else []
         return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
 
     def compare(self, record: SessionRecord, spec: str = '') -> str:
         """Return the command that judges a model, the present one by default."""
-        model = spec or self._spec(record.spec(self._folder))
+        model = self._spec(spec or record.spec(self._folder))
         return self._power_lab(record, ['compare', *self._bags(record), '--models', model])
 
     def budget(self, record: SessionRecord) -> str:
@@ -199,26 +198,17 @@ class Commands:
         model = ['--model', self._spec(spec)] if spec.endswith(('.yaml', '.yml')) else []
         return self._power_lab(record, ['budget', *self._bags(record), *model])
 
-    def diagnose(self, record: SessionRecord, *more: str) -> str:
-        """Return the command that finds the effect missing in the model; more: its last words."""
+    def on_model(self, record: SessionRecord, verb: str, *more: str) -> str:
+        """Return the command `verb` on the present model; more: its last words."""
         model = self._spec(record.spec(self._folder))
-        words = ['diagnose', *self._bags(record), '--model', model, *more]
-        return self._power_lab(record, words)
-
-    def discover(self, record: SessionRecord, output: str) -> str:
-        """Return the command that learns effects in no catalogue, and writes them to output."""
-        model = self._spec(record.spec(self._folder))
-        words = ['discover', *self._bags(record), '--model', model, '-o', shown_path(output)]
-        return self._power_lab(record, words)
+        return self._power_lab(record, [verb, *self._bags(record), '--model', model, *more])
 
     def imported(
         self, file: str, content: object, map_file: Path = Path(), output: Path = Path()
     ) -> str:
         """Return the command that imports a log; without output, that which lists its columns."""
-        words = [shown_path(file)]
-        if output == Path():
-            return _joined('power_recordings import', [*words, '--list'])
-        words += ['--map', shown_path(map_file), '-o', shown_path(output)]
+        how = ['--map', shown_path(map_file), '-o', shown_path(output)]
+        words = [shown_path(file), *(['--list'] if output == Path() else how)]
         return _joined('power_recordings import', words)
 
     def _bags(self, record: SessionRecord) -> list[str]:
@@ -239,7 +229,7 @@ class Commands:
         return _joined('power_lab', [*words, *more])
 
 
-def effects_before(record: SessionRecord) -> list[str]:
+def effects_of(record: SessionRecord) -> list[str]:
     """Return the effects that the steps in force have put into the model, if these tell."""
     names: list[str] = []
     for step in record.done:

@@ -3,6 +3,7 @@
 import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,33 +88,28 @@ class SessionWorker:
         if source.without:
             whole = self.open(show, source.whole, '')
             view = self._measured(self._load(show, source))
-            kept = KeptOpening(view, tuple(whole['recordings']), tuple(whole['sha256']))
-            self._cache.keep_opening(key, kept)
-            return kept
-        show('progress', 'a first look')
-        coarse = coarse_view(source.recordings, source.drives)
-        if coarse is not None:
-            show('view', coarse)
-        loaded = self._load(show, source)
-        view = self._measured(loaded)
-        show('view', view)
-        show('progress', 'checking the quality of the recordings')
-        described = tuple(described_recording(r) for r in loaded.recordings)
-        known = tuple(one['sha256'] for one in loaded.identities)
-        kept = KeptOpening(view, described, known)
+            described, known = whole['recordings'], whole['sha256']
+        else:
+            show('progress', 'a first look')
+            coarse = coarse_view(source.recordings, source.drives)
+            if coarse is not None:
+                show('view', coarse)
+            loaded = self._load(show, source)
+            view = self._measured(loaded)
+            show('view', view)
+            show('progress', 'checking the quality of the recordings')
+            described = [described_recording(recording) for recording in loaded.recordings]
+            known = [one['sha256'] for one in loaded.identities]
+            # The aligned signals of the file need less memory than those that were read.
+            self._cache.keep_loaded(key, loaded, [Path(path) for path in source.recordings])
+            self._loaded = self._cache.loaded(key) or self._loaded
+        kept = KeptOpening(view, tuple(described), tuple(known))
         self._cache.keep_opening(key, kept)
-        self._keep_loaded(source, key)
         return kept
 
     @staticmethod
     def _measured(loaded: Loaded) -> PowerView:
         return measured_view(loaded, Judge(loaded).material().prepared)
-
-    def _keep_loaded(self, source: Source, key: str) -> None:
-        """Keep the aligned signals, and go on with those of the file, which need less memory."""
-        assert self._loaded is not None
-        self._cache.keep_loaded(key, self._loaded, [Path(path) for path in source.recordings])
-        self._loaded = self._cache.loaded(key) or self._loaded
 
     def effects(self, show: Show, files: Sequence[str]) -> dict[str, Any]:
         """Check that files of effects can be run; return an empty result, InputError if not."""
@@ -123,9 +119,8 @@ class SessionWorker:
     def judge(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
         """Return {view} of the model on the recordings, or of the measurement without one."""
         loaded = self._load(show, source)
-        if not spec:
-            return {'view': self._measured(loaded)}
-        return {'view': self._judged(show, source, loaded, spec)}
+        view = self._judged(show, source, loaded, spec) if spec else self._measured(loaded)
+        return {'view': view}
 
     def shape(
         self, show: Show, source: Source, spec: str, step: SessionStep, output: Path
@@ -212,7 +207,7 @@ class SessionWorker:
     ) -> dict[str, Any]:
         """Learn effects that no catalogue has, write them to output, and return JSON content."""
         lab = self._lab(show, source).load(spec)
-        outcome = lab.discover(show=lambda text: show('progress', text), seed=seed)
+        outcome = lab.discover(show=partial(show, 'progress'), seed=seed)
         if outcome.written:
             write_whole(output, outcome.source())
         return {
@@ -242,24 +237,13 @@ class SessionWorker:
         proposed = outcome.motion if seconds is None else shortened(outcome.motion, seconds)
         folders = [find(Path(path)).folder for path in source.recordings]
         riddle = next((folder for folder in folders if (folder / SEALED).exists()), None)
-
-        def tell(text: str) -> None:
-            show('progress', text)
-
+        tell = partial(show, 'progress')
         record_on_bench(proposed, drive, motion, output, riddle, tell)
         return str(output)
 
-    def look_at_log(self, show: Show, file: str) -> dict[str, Any]:
-        """Return the columns of a log and a guessed map, as `logs.look`."""
-        return logs.look(show, file)
-
-    def preview_log(self, show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the signals that a map gives, as `logs.preview`."""
-        return logs.preview(show, file, content)
-
-    def import_log(self, show: Show, **given: Any) -> dict[str, Any]:
-        """Import a log as a recording, as `logs.bring_in`."""
-        return logs.bring_in(show, **given)
+    look_at_log = staticmethod(logs.look)
+    preview_log = staticmethod(logs.preview)
+    import_log = staticmethod(logs.bring_in)
 
     def line(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
         """Return name and held-out RMS error in W of another model on the recordings."""

@@ -99,11 +99,11 @@ def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
     }
 
 
-def in_box(view: PowerView, drive: str, bounds: Mapping[str, Sequence[float]]) -> Chosen:
+def in_box(view: PowerView, drive: str, bounds: Mapping[str, tuple[float, float]]) -> Chosen:
     """Choose the rows whose state lies within bounds {quantity: (low, high)}."""
     rows = np.ones(len(view.slots), bool)
     for name, limits in bounds.items():
-        low, high = _limits(name, limits)
+        low, high = sorted(limits)
         values = values_of(view, name, drive)
         rows &= (values >= low) & (values <= high)
     return _chosen(view, drive, rows, _in_words(bounds))
@@ -116,7 +116,7 @@ def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
     rows = np.ones(len(view.slots), bool)
     torque, speed = (values_of(view, name, drive) for name in ('torque', 'velocity'))
     for name, limits in regime['bounds'].items():
-        low, high = _limits(name, limits)
+        low, high = sorted(limits)
         values = values_of(view, _MODULI.get(name, name), drive)
         if name not in _MODULI:
             rows &= (values >= low) & (values <= high)
@@ -163,9 +163,10 @@ def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
     content: dict[str, Any] = {'drive': drive, 'seconds': round(seconds, 2), 'where': words}
     where = f'{drive}, {words}' if words else drive
     if not inside.size:
-        content['sentence'] = f'{where}: {seconds:.1f} s, without a model to compare.'
-        if view.residual is not None:
-            content['sentence'] = f'{where}: nothing that was judged lies there.'
+        why = 'nothing that was judged lies there'
+        if view.residual is None:
+            why = f'{seconds:.1f} s, without a model to compare'
+        content['sentence'] = f'{where}: {why}.'
         return Chosen(rows, content)
     mean, within = float(inside.mean()), _rms(inside)
     side = 'too low' if mean < 0 else 'too high'
@@ -175,8 +176,8 @@ def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
     if outside.size:
         content['rmse_outside_w'] = round(_rms(outside), 5)
         sentence += f' inside against {digits(_rms(outside))} W outside'
-    share = float(np.square(inside, dtype=np.float64).sum())
-    share /= max(float(np.square(error[known], dtype=np.float64).sum()), 1e-12)
+    held, whole = (float(np.square(e, dtype=np.float64).sum()) for e in (inside, error[known]))
+    share = held / max(whole, 1e-12)
     content['share'] = round(share, 4)
     sentence += f'. These {seconds:.1f} s hold {share:.0%} of the squared error of {drive}.'
     content['sentence'] = sentence
@@ -185,12 +186,6 @@ def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
 
 def _rms(values: Singles) -> float:
     return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
-
-
-def _limits(name: str, limits: Sequence[float]) -> tuple[float, float]:
-    if len(limits) != 2 or not all(isinstance(v, int | float) for v in limits):
-        raise InputError(f'{name}: give two numbers, from and to')
-    return float(min(limits)), float(max(limits))
 
 
 def _in_words(bounds: Mapping[str, Sequence[float]]) -> str:

@@ -36,7 +36,7 @@ class Pyramid:
         self._levels: list[tuple[Singles, Singles]] = [(values, values)]
         while len(self._levels[-1][0]) > _BROADEST:
             low, high = self._levels[-1]
-            self._levels.append((_blocks(low, np.fmin), _blocks(high, np.fmax)))
+            self._levels.append((_joined(low, FACTOR, np.fmin), _joined(high, FACTOR, np.fmax)))
 
     @property
     def length(self) -> int:
@@ -71,10 +71,6 @@ def masked(values: Singles, rows: NDArray[np.bool_], start: int, stop: int, most
     if step == 1:
         return Span(start, 1, part, part)
     return Span(start, step, _joined(part, step, np.fmin), _joined(part, step, np.fmax))
-
-
-def _blocks(values: Singles, extreme: np.ufunc) -> Singles:
-    return _joined(values, FACTOR, extreme)
 
 
 def _joined(values: Singles, count: int, extreme: np.ufunc) -> Singles:

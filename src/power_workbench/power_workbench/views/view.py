@@ -29,9 +29,9 @@ _FEWEST = 5  # periods
 class StridePhase:
     """Phase of each row in the stride, 0 to 1, NaN where nothing strides; or why there is none."""
 
-    phase: Singles | None
-    period: float  # s
-    drive: int  # whose position is largest at phase 0
+    phase: Singles | None = None
+    period: float = 0.0  # s
+    drive: int = 0  # whose position is largest at phase 0
     reason: str = ''
 
 
@@ -43,21 +43,19 @@ def stride_phase(position: Singles, slots: NDArray[np.int64]) -> StridePhase:
     follows a cadence that changes.
     """
     if not len(slots):
-        return StridePhase(None, 0.0, 0, 'there is no position')
+        return StridePhase(reason='there is no position')
     spread = _on_slots(position, slots)
     longest = min(round(_LONGEST * REDUCED_RATE), len(spread) // _FEWEST)
     shortest = round(_SHORTEST * REDUCED_RATE)
     if longest <= shortest + 2 or not spread.any():
-        return StridePhase(None, 0.0, 0, 'the recording is too short, or nothing moves in it')
+        return StridePhase(reason='the recording is too short, or nothing moves in it')
     each = _correlations(spread, longest + 1)
     total = each.sum(axis=1) / max(float(each[0].sum()), 1e-12)
     inner = total[shortest : longest + 1]
     peaks = shortest + 1 + np.flatnonzero((inner[1:-1] >= inner[:-2]) & (inner[1:-1] > inner[2:]))
     best = float(total[peaks].max()) if len(peaks) else 0.0
     if best < _ALIKE:
-        return StridePhase(
-            None, 0.0, 0, 'the motion does not repeat itself, so that there is no stride'
-        )
+        return StridePhase(reason='the motion does not repeat itself, so that there is no stride')
     lag = int(peaks[total[peaks] >= _AS_GOOD * best][0])
     drive = int(np.argmax(each[lag]))
     wave = _band(spread[:, drive], 1.0 / lag)[slots]
@@ -177,6 +175,12 @@ class PowerView:
         return found
 
     @property
+    def errors(self) -> dict[str, float]:
+        """Held-out RMS error of the model by meter, W, where there is one."""
+        judged = self.content.get('drives', {})
+        return {name: own['rmse_w'] for name, own in judged.items() if own['rmse_w'] is not None}
+
+    @property
     def seconds(self) -> float:
         """Length as it is shown, s."""
         return self.length / REDUCED_RATE
@@ -209,7 +213,7 @@ class PowerView:
     def stride(self) -> StridePhase:
         """Phase of the motion, or the reason why it does not repeat itself."""
         if 'position' not in self.state:
-            return StridePhase(None, 0.0, 0, 'there is no position')
+            return StridePhase(reason='there is no position')
         return stride_phase(self.state['position'], self.slots)
 
 

@@ -197,11 +197,9 @@ def _refined(found: Alignment, sound: Sound, events: Events) -> Alignment:
     if values[best] < _LEAST_CORRELATION:
         note = f'the gait does not confirm it (correlation {values[best]:.2f})'
         return replace(found, correlation=float(values[best]), notes=(*found.notes, note))
-    offset = _vertex(lags, values, best) + events.first
-    offset, drift = _drift(*shapes, offset - events.first)
-    return replace(
-        found, offset=offset + events.first, drift=drift, correlation=float(values[best])
-    )
+    lag, drift = _drift(*shapes, _vertex(lags, values, best))
+    offset = lag + events.first
+    return replace(found, offset=offset, drift=drift, correlation=float(values[best]))
 
 
 def _high_passed_signals(sound: Sound, events: Events) -> tuple[Floats, Floats]:
@@ -211,12 +209,8 @@ def _high_passed_signals(sound: Sound, events: Events) -> tuple[Floats, Floats]:
     grid = np.arange(sound.time[0], sound.time[-1], 1.0 / RATE)
     level = np.interp(grid, sound.time, _level(sound))
     loading = 10.0 * np.log10(np.square(_smooth(events.loading, 3)) + 1.0)
-    return _high_passed(np.maximum(level, np.median(level) - 10.0)), _high_passed(loading)
-
-
-def _high_passed(level: Floats) -> Floats:
-    wide = round(RATE)
-    return level - _smooth(level, min(wide, len(level)))
+    level = np.maximum(level, np.median(level) - 10.0)
+    return level - _smooth(level, round(RATE)), loading - _smooth(loading, round(RATE))
 
 
 def _smooth(values: Floats, length: int) -> Floats:
@@ -232,7 +226,7 @@ def _correlation(level: Floats, loading: Floats) -> tuple[Floats, Floats]:
     least = round(_OVERLAP * RATE)
     if min(len(level), len(loading)) < least:
         return np.zeros(0), np.zeros(0)
-    masks = np.ones(len(loading)), np.ones(len(level))
+    masks = np.ones_like(loading), np.ones_like(level)
     values, shared, lags = masked_correlation(loading, masks[0], level, masks[1], centred=False)
     half = max(least, 0.3 * min(len(level), len(loading)))
     enough = shared >= half - 0.5
@@ -257,11 +251,10 @@ def _drift(level: Floats, loading: Floats, lag: float) -> tuple[float, float]:
         first = round(start + lag * RATE) - near
         if first < 0 or first + piece + 2 * near > len(loading):
             continue
-        other = loading[first : first + piece + 2 * near]
-        values = correlate(other, level[start : start + piece], 'valid', method='fft')
+        own, other = level[start : start + piece], loading[first : first + piece + 2 * near]
+        values = correlate(other, own, 'valid', method='fft')
         best = int(np.argmax(values))
-        norm = np.linalg.norm(level[start : start + piece])
-        norm *= np.linalg.norm(other[best : best + piece])
+        norm = np.linalg.norm(own) * np.linalg.norm(other[best : best + piece])
         if 0 < best < len(values) - 1 and values[best] > _LEAST_CORRELATION * norm > 0:
             steps = np.arange(len(values)) / RATE
             lags.append((first - start) / RATE + _vertex(steps, values, best))

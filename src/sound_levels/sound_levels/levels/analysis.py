@@ -129,12 +129,6 @@ class Take:
     recording: Path | None = None
 
     @property
-    def mean_level(self) -> Floats:
-        """Mean square over one second, centred at each bin [N]."""
-        width = min(max(1, round(1.0 / self.sound.step)), len(self.sound.energy))
-        return np.convolve(self.sound.energy, np.ones(width) / width, mode='same')
-
-    @property
     def stretch(self) -> Stretch:
         """Evaluated part of the sound, in the form that `statistics` takes."""
         sound, rows = self.sound, self.counted
@@ -184,22 +178,15 @@ class Analysis:
         shifted = {k: v + self.shift for k, v in asdict(found).items() if k != 'seconds'}
         return Levels(seconds=found.seconds, **shifted)
 
-    def trace(self, take: Take) -> Floats:
-        """Return the level over time, at the end of each bin, in the unit [N]."""
-        return decibels(take.sound.detector) + self.shift
-
     def bands(self, policy: str) -> dict[float, float]:
         """Return the unweighted third-octave levels in the unit, by frequency in Hz."""
-        takes = self.of(policy)
-        common = set.intersection(*(set(take.sound.bands) for take in takes))
-        weights = [take.sound.seconds for take in takes]
-        return {
-            band: float(
-                decibels(np.average([t.sound.bands[band] for t in takes], weights=weights))
-                + self.shift
-            )
-            for band in sorted(common)
-        }
+        sounds = [take.sound for take in self.of(policy)]
+        weights = [sound.seconds for sound in sounds]
+        found = {}
+        for band in sorted(set.intersection(*(set(sound.bands) for sound in sounds))):
+            mean = np.average([sound.bands[band] for sound in sounds], weights=weights)
+            found[band] = float(decibels(mean) + self.shift)
+        return found
 
     def differences(self) -> dict[str, tuple[Mapping[str, Difference], float | None]]:
         """Return `statistics.differences` of each other policy from the first, by its name."""
@@ -288,17 +275,14 @@ def _counted(
     time = sound.time
     settled = SETTLED * TIMES[settings.time]
     counted = time >= settled
-    why = 'the whole file'
-    if settings.start is not None:
-        counted &= time >= settings.start
-    if settings.stop is not None:
-        counted &= time <= settings.stop
     if settings.start is not None or settings.stop is not None:
-        return counted, 'as given by --from and --to'
+        start = settings.start or 0.0
+        stop = np.inf if settings.stop is None else settings.stop
+        return counted & (time >= start) & (time <= stop), 'as given by --from and --to'
     if alignment is not None and events is not None and len(events.landings) > 1:
         there = alignment.of(time)
         last = np.searchsorted(events.landings, there, side='right') - 1
         since = there - events.landings[np.maximum(last, 0)]
         walking = counted & (last >= 0) & (since <= _PAUSE)
         return walking, f'while feet land at least every {_PAUSE:g} s'
-    return counted, why
+    return counted, 'the whole file'

@@ -1,12 +1,12 @@
 """Report of a sound analysis as one page that needs no network."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import OTHERS, embedded, style
 from wattwalk_core.pages.page import Page
 
@@ -21,20 +21,17 @@ _CLOSE_UP = 3.0  # s shown of an alignment
 _POINTS = 20.0  # Hz
 
 
-def draw_sound(analysis: Analysis, *, dark: bool = False) -> Figure:
+def draw_sound(analysis: Analysis, dark: bool = False) -> Figure:
     """Draw the level of each policy over time, and third-octave spectra."""
     with style(dark) as ink:
         figure = Figure(figsize=(9, 6.4), layout='constrained')
         above, below = figure.subplots(2, 1, height_ratios=(3, 2))
         for index, name in enumerate(analysis.policies):
-            line = {'color': COLOURS[dark][index % len(COLOURS[dark])]}
-            dashes = DASHES[index % len(DASHES)]
-            _curve(above, analysis, name, {**line, 'ls': dashes})
-            bands = analysis.bands(name)
-            if bands:
-                places, mark = np.arange(len(bands)), 'os^D'[index % 4]
-                levels = list(bands.values())
-                below.plot(places, levels, ls=dashes, marker=mark, ms=3, label=name, **line)
+            color = COLOURS[dark][index % len(COLOURS[dark])]
+            line = {'color': color, 'ls': DASHES[index % len(DASHES)]}
+            _curve(above, analysis, name, line)
+            if levels := [*analysis.bands(name).values()]:
+                below.plot(levels, marker='os^D'[index % 4], ms=3, label=name, **line)
         settings = analysis.settings
         aligned = all(take.alignment is not None for take in analysis.takes)
         since = 'the first landing of a foot' if aligned else 'the start of the evaluated part'
@@ -49,7 +46,7 @@ def draw_sound(analysis: Analysis, *, dark: bool = False) -> Figure:
     return figure
 
 
-def draw_alignment(analysis: Analysis, take: Take, *, dark: bool = False) -> Figure:
+def draw_alignment(analysis: Analysis, take: Take, dark: bool = False) -> Figure:
     """Draw 3 s of a take's level with landings as lines; ValueError for one without alignment."""
     if take.alignment is None or take.events is None:
         raise ValueError('a take without alignment')
@@ -70,27 +67,20 @@ def draw_alignment(analysis: Analysis, take: Take, *, dark: bool = False) -> Fig
     return figure
 
 
-def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
-    """Return the level over time of a take's evaluated part at 20 Hz, as three arrays [T].
-
-    Time in s since its start, the level with the time weighting, and the mean over one second.
-    """
-    every = max(1, round(1.0 / (_POINTS * take.sound.step)))
-    rows = np.flatnonzero(take.counted)
-    span = slice(rows[0], rows[-1] + 1, every)
-    time = take.sound.time[span]
-    mean = decibels(take.mean_level[span]) + analysis.shift
-    return time - time[0], analysis.trace(take)[span], mean
-
-
 def _curve(axis: Axes, analysis: Analysis, name: str, line: dict[str, Any]) -> None:
+    """Draw the first take's evaluated part at 20 Hz: its level, and its mean over one second."""
     takes = analysis.of(name)
-    take, found = takes[0], analysis.levels(takes)
-    time, level, mean = curve(analysis, take)
+    sound, rows = takes[0].sound, np.flatnonzero(takes[0].counted)
+    span = slice(rows[0], rows[-1] + 1, max(1, round(1.0 / (_POINTS * sound.step))))
+    width = min(max(1, round(1.0 / sound.step)), len(sound.energy))
+    mean = np.convolve(sound.energy, np.ones(width) / width, mode='same')
+    time = sound.time[span] - sound.time[rows[0]]
     shown = time <= _SHOWN
-    axis.plot(time[shown], level[shown], lw=0.8, alpha=0.45, **{**line, 'ls': '-'})
-    label = f'{take.policy}: Leq {found.leq:.1f}, L10 {found.l10:.1f}, L90 {found.l90:.1f}'
-    axis.plot(time[shown], mean[shown], lw=2.2, label=label, **line)
+    level, smooth = (decibels(v[span][shown]) + analysis.shift for v in (sound.detector, mean))
+    axis.plot(time[shown], level, lw=0.8, alpha=0.45, **{**line, 'ls': '-'})
+    found = analysis.levels(takes)
+    label = f'{name}: Leq {found.leq:.1f}, L10 {found.l10:.1f}, L90 {found.l90:.1f}'
+    axis.plot(time[shown], smooth, lw=2.2, label=label, **line)
 
 
 def _spectrum_axis(axis: Axes, analysis: Analysis, ink: str) -> None:
@@ -124,7 +114,7 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
     )
     page.heading('Level over time, and third-octave spectrum')
     words = 'level over time and third-octave spectrum by policy'
-    page.add(embedded(lambda dark: draw_sound(analysis, dark=dark), words))
+    page.add(embedded(partial(draw_sound, analysis), words))
     page.heading('Levels')
     page.table(LEVEL_COLUMNS, level_rows(analysis), numbers=range(1, 8))
     page.text(
@@ -191,10 +181,8 @@ def _alignments(page: Page, analysis: Analysis) -> None:
         numbers=(3, 4, 5, 6),
     )
 
-    def close_up(take: Take) -> str:
-        return embedded(lambda dark: draw_alignment(analysis, take, dark=dark), 'level, landings')
-
-    page.tabs({take.path.name: close_up(take) for take in takes})
+    words = 'level, landings'
+    page.tabs({t.path.name: embedded(partial(draw_alignment, analysis, t), words) for t in takes})
     page.text('Three seconds; vertical lines are landings of a foot by foot_force.', faint=True)
 
 

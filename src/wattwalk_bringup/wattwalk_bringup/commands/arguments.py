@@ -1,6 +1,6 @@
 """Arguments of the command."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, BooleanOptionalAction, Namespace
 
 from wattwalk_core.command import Arguments, entry_point, own_arguments
 
@@ -32,25 +32,10 @@ def live(parser: ArgumentParser, args: Arguments) -> Namespace:
     for argument in arguments():
         option = f'--{argument.name.replace("_", "-")}'
         if argument.is_flag:
-            actions = parser.add_mutually_exclusive_group()
-            actions.add_argument(
-                option,
-                dest=argument.name,
-                action='store_const',
-                const='true',
-                help=argument.description,
-            )
-            actions.add_argument(
-                option.replace('--', '--no-', 1),
-                dest=argument.name,
-                action='store_const',
-                const='false',
-                help=f'not {argument.name}',
-            )
+            parser.add_argument(option, action=BooleanOptionalAction, help=argument.description)
         else:
             parser.add_argument(
                 option,
-                dest=argument.name,
                 metavar='|'.join(argument.choices) or argument.name.upper(),
                 help=argument.description,
             )

@@ -5,8 +5,9 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -19,39 +20,23 @@ from wattwalk_core.errors import printable
 
 from wattwalk_bringup.node_group import RunningNode, started
 from wattwalk_bringup.node_set import commands
-from wattwalk_bringup.settings import BringupSettings
+from wattwalk_bringup.settings import BringupSettings, as_text
+
+Display = Callable[[Sequence[RunningNode]], None]
 
 
-class PlainDisplay:
-    """Prints new log lines and changes of state, each after the name of the node."""
-
-    def __init__(self) -> None:
-        self._states: dict[str, str] = {}
-
-    def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Update the nodes and print what is new."""
-        for node in nodes:
-            for line in node.update():
-                print(f'{node.name}: {line}', flush=True)
-            if self._states.get(node.name) != node.state:
-                self._states[node.name] = node.state
-                print(f'{node.name}: {node.state}', flush=True)
+def print_news(states: dict[str, str], nodes: Sequence[RunningNode]) -> None:
+    """Update nodes and print new log lines and changes of state, each after the node's name."""
+    for node in nodes:
+        for line in node.update():
+            print(f'{node.name}: {line}', flush=True)
+        if states.get(node.name) != node.state:
+            states[node.name] = node.state
+            print(f'{node.name}: {node.state}', flush=True)
 
 
-class TableDisplay:
-    """Draws a table of node, state, time in it, share of a core and last line of the log."""
-
-    def __init__(self, live: Live) -> None:
-        self._live = live
-
-    def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Update the nodes and draw the table anew."""
-        for node in nodes:
-            node.update()
-        self._live.update(_table(nodes))
-
-
-def _table(nodes: Sequence[RunningNode]) -> Table:
+def node_table(nodes: Sequence[RunningNode]) -> Table:
+    """Update nodes; return a table of state, time in it, share of a core and last line of each."""
     table = Table(box=SIMPLE_HEAD, expand=True)
     for title in ('node', 'state'):
         table.add_column(title, no_wrap=True)
@@ -60,6 +45,7 @@ def _table(nodes: Sequence[RunningNode]) -> Table:
     table.add_column('last line', no_wrap=True, overflow='ellipsis', ratio=1)
     now = time.monotonic()
     for node in nodes:
+        node.update()
         style = 'red' if node.state.startswith('failed') else ''
         last = ''.join(c if c.isprintable() else ' ' for c in node.log.last)
         table.add_row(
@@ -73,14 +59,14 @@ def _table(nodes: Sequence[RunningNode]) -> Table:
 
 
 @contextmanager
-def display() -> Iterator[PlainDisplay | TableDisplay]:
-    """Yield a table on a terminal, else a display that prints lines."""
+def display() -> Iterator[Display]:
+    """Yield a function that updates nodes and shows them, in a table where it is a terminal."""
     console = output()
     if not console.is_terminal:
-        yield PlainDisplay()
+        yield partial(print_news, {})
         return
     with Live(console=console, refresh_per_second=4) as live:
-        yield TableDisplay(live)
+        yield lambda nodes: live.update(node_table(nodes))
 
 
 _PERIOD = 0.25  # s
@@ -88,27 +74,23 @@ _PERIOD = 0.25  # s
 
 def run(options: argparse.Namespace) -> int:
     """Run all nodes until Ctrl-C, the end of the duration or of a node; 1 if one failed."""
-    given = {name: text for name, text in vars(options).items() if text is not None}
+    given = {name: as_text(own) for name, own in vars(options).items() if own is not None}
     settings = BringupSettings.load(given.pop('config')).changed(given)
-    return _run(settings)
-
-
-def _run(settings: BringupSettings) -> int:
     wanted = commands(settings)
     folder = Path(tempfile.mkdtemp(prefix='wattwalk_live_'))
     # The recorder counts its own duration.
     limit = settings.duration if settings.duration and not settings.record_counts else 0.0
     with DeferredSignals() as signals, started(wanted, folder) as group:
         begin = time.monotonic()
-        with display() as shown:
+        with display() as show:
             while signals.received is None and group.ended is None:
-                shown.show(group.nodes)
+                show(group.nodes)
                 if limit and time.monotonic() - begin >= limit:
                     break
                 time.sleep(_PERIOD)
             first = group.ended
             failures = group.failures()
-            group.end(lambda: shown.show(group.nodes))
+            group.end(partial(show, group.nodes))
         failures += [text for text in group.failures() if text not in failures]
     if first is not None and not failures:
         print(f'{first.name} has ended')
