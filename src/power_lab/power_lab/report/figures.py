@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from plotly.subplots import make_subplots
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel, over_meters
@@ -37,14 +37,13 @@ def traces(
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.04
     )
-    shown = _line(t, measured[part], 'measured', COLORS['measured'], width=2.6)
+    shown = line(t, measured[part], 'measured', COLORS['measured'], width=2.6)
     figure.add_trace(shown, row=1, col=1)
     for (name, residual), color in zip(residuals.items(), LINES, strict=False):
         estimated = measured[part] - residual[part]
-        figure.add_trace(_line(t, estimated, name, color), row=1, col=1)
-        figure.add_trace(
-            _line(t, -residual[part], f'error of {name}', color, legend=False), row=2, col=1
-        )
+        figure.add_trace(line(t, estimated, name, color), row=1, col=1)
+        error = line(t, -residual[part], f'error of {name}', color, showlegend=False)
+        figure.add_trace(error, row=2, col=1)
     figure.add_hrect(
         y0=-floor, y1=floor, row=2, col=1, line_width=0, fillcolor=COLORS['grid'], layer='below'
     )
@@ -92,18 +91,9 @@ def error_over(
         found = bins(values, residual)
         if len(found) < 3:
             return None
-        middles = [0.5 * (b.low + b.high) for b in found]
-        figure.add_trace(
-            go.Scatter(
-                x=short(middles),
-                y=short([b.mean for b in found]),
-                name=name,
-                mode='lines+markers',
-                line={'color': color, 'width': 2},
-                marker={'size': 5},
-                hovertemplate='%{x}: %{y} W<extra>' + name + '</extra>',
-            )
-        )
+        middles, means = [0.5 * (b.low + b.high) for b in found], [b.mean for b in found]
+        looks = {'mode': 'lines+markers', 'marker': {'size': 5}}
+        figure.add_trace(line(middles, means, name, color, '%{x}: %{y} W', width=2, **looks))
     figure.add_hline(y=0.0, line_width=1, line_color=COLORS['line'])
     figure.update_xaxes(title_text=f'{key.replace("_", " ")} in {unit or UNITS.get(key, "")}')
     figure.update_yaxes(title_text='mean error in W')
@@ -143,24 +133,11 @@ def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bo
     return finished(figure)
 
 
-def staircase(
-    steps: Sequence[str],
-    errors: Sequence[float],
-    lines: Mapping[str, float],
-) -> Figure:
+def staircase(steps: Sequence[str], errors: Sequence[float], lines: Mapping[str, float]) -> Figure:
     """Bars of the held-out error of each model, W; lines: levels to draw across, W by name."""
     colors = [COLORS['base']] + [COLORS['better']] * (len(steps) - 1)
-    figure = go.Figure(
-        go.Bar(
-            x=list(steps),
-            y=short(errors),
-            text=[f'{error:.2f} W' for error in errors],
-            textposition='outside',
-            cliponaxis=False,
-            marker={'color': colors},
-            hovertemplate='%{x}: %{y} W<extra></extra>',
-        )
-    )
+    told = '%{x}: %{y} W<extra></extra>'
+    figure = go.Figure(told_bars(steps, errors, marker={'color': colors}, hovertemplate=told))
     for (name, level), dash in zip(lines.items(), ('dash', 'dot', 'dashdot') * 3, strict=False):
         figure.add_hline(
             y=level,
@@ -188,18 +165,42 @@ _DIVERGING = [
 ]
 
 
-def _line(
-    x: Floats, y: Floats, name: str, color: str, *, width: float = 1.4, legend: bool = True
+def line(
+    x: ArrayLike,
+    y: ArrayLike,
+    name: str,
+    color: str,
+    told: str = '%{x} s: %{y} W',
+    *,
+    width: float = 1.4,
+    **looks: Any,
 ) -> go.Scatter:
+    """Line of y over x [N]; told: what a place on it says; looks: as plotly has them."""
     return go.Scatter(
         x=short(x),
         y=short(y),
         name=name,
-        mode='lines',
-        showlegend=legend,
         line={'color': color, 'width': width},
-        hovertemplate='%{x} s: %{y} W<extra>' + name + '</extra>',
+        hovertemplate=f'{told}<extra>{name}</extra>',
+        **{'mode': 'lines', **looks},
     )
+
+
+def told_bars(names: Sequence[str], watts: Sequence[float], **looks: Any) -> go.Bar:
+    """Bars of errors in W, each with its value above it; looks: as plotly has them."""
+    return go.Bar(
+        x=list(names),
+        y=short(watts),
+        text=[f'{value:.2f} W' for value in watts],
+        textposition='outside',
+        cliponaxis=False,
+        **looks,
+    )
+
+
+def noise_w(noise: Floats) -> float:
+    """Rms noise of all meters, W, from that of each, W [M]; unknown ones count as 0."""
+    return float(np.sqrt(np.nan_to_num(np.square(noise)).mean()))
 
 
 def _edges(values: Floats) -> Floats:
@@ -243,7 +244,7 @@ class Stairs:
         return cls(
             (*names, *(one.name for one in judged[len(last) :])),
             (*errors, *(one.rms_w for one in judged)),
-            float(np.sqrt(np.nan_to_num(np.square(noise)).mean())),
+            noise_w(noise),
         )
 
     def __str__(self) -> str:
