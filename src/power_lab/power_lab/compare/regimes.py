@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,12 +122,9 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     for index in range(count):
         own = error[place == index]
         if own.size >= _LEAST_ROWS // 5:
+            low, high = edges[index : index + 2].tolist()
             rmse = float(np.sqrt(np.mean(np.square(own))))
-            out.append(
-                Bin(
-                    float(edges[index]), float(edges[index + 1]), float(own.mean()), rmse, own.size
-                )
-            )
+            out.append(Bin(low, high, float(own.mean()), rmse, own.size))
     return out
 
 
@@ -151,13 +149,11 @@ class _Edges:
     @classmethod
     def of(cls, torque: float, speed: float) -> '_Edges':
         """For a drive that many times the reference drive's torque and speed."""
-        torques = tuple(_two_digits(torque * edge) for edge in _TORQUE_EDGES)
-        speeds = tuple(_two_digits(speed * edge) for edge in _SPEED_EDGES)
+        torques, speeds = (
+            tuple(float(f'{times * edge:.2g}') for edge in edges)
+            for times, edges in ((torque, _TORQUE_EDGES), (speed, _SPEED_EDGES))
+        )
         return cls(torques, speeds, speeds[0])
-
-
-def _two_digits(value: float) -> float:
-    return float(f'{value:.2g}')
 
 
 def _by_load(
@@ -172,68 +168,34 @@ def _by_load(
     out = []
     for mode, own in modes.items():
         best: Regime | None = None
-        speeds = edges.speeds if mode != 'at rest' else (0.0, edges.still)
-        table = _Table(error[own], load[own], speed[own], edges.torques, speeds)
-        for a, b, c, d in table.rectangles():
-            summed, rows = table.within(a, b, c, d)
+        loads, speeds = edges.torques, edges.speeds if mode != 'at rest' else (0.0, edges.still)
+        borders = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
+        errors, counts = (
+            np.histogram2d(load[own], speed[own], bins=borders, weights=weights)[0]
+            for weights in (error[own], None)
+        )
+        sums = [  # over all of lower load and speed, for any rectangle at once
+            np.pad(table.cumsum(0).cumsum(1), ((1, 0), (1, 0))) for table in (errors, counts)
+        ]
+        ranges = (combinations(range(len(edge)), 2) for edge in (loads, speeds))
+        for (a, b), (c, d) in product(*ranges):
+            summed, rows = (
+                float(table[b, d] - table[a, d] - table[b, c] + table[a, c]) for table in sums
+            )
             if rows < _LEAST_ROWS:
                 continue
             share = summed**2 / rows / max(total, 1e-12)
             if best is None or share > best.share:
-                bounds = {'torque': _range(edges.torques, a, b)}
-                words = [mode, _words(*bounds['torque'], 'N·m', edges.torques)]
+                bounds = {'torque': (loads[a], loads[b])}
+                words = [mode, _words(*bounds['torque'], 'N·m', loads)]
                 if mode != 'at rest':
-                    bounds['speed'] = _range(speeds, c, d)
+                    bounds['speed'] = speeds[c], speeds[d]
                     words.append(_words(*bounds['speed'], 'rad/s', speeds))
-                best = Regime(
-                    name,
-                    tuple(word for word in words if word),
-                    bounds,
-                    summed / rows,
-                    rows / _RATE,
-                    share,
-                )
+                told = tuple(word for word in words if word)
+                best = Regime(name, told, bounds, summed / rows, rows / _RATE, share)
         if best is not None and best.share >= _LEAST_SHARE:
             out.append(best)
     return out
-
-
-class _Table:
-    """Sums over a grid of load and speed, for any rectangle at once."""
-
-    def __init__(
-        self,
-        error: Floats,
-        load: Floats,
-        speed: Floats,
-        loads: Sequence[float],
-        speeds: Sequence[float],
-    ) -> None:
-        edges = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
-        self._shape = (len(loads) - 1, len(speeds) - 1)
-        sums, _, _ = np.histogram2d(load, speed, bins=edges, weights=error)
-        rows, _, _ = np.histogram2d(load, speed, bins=edges)
-        self._sums = np.pad(sums.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-        self._rows = np.pad(rows.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-
-    def rectangles(self) -> list[tuple[int, int, int, int]]:
-        """All of them, as half-open index ranges of load and speed."""
-        loads, speeds = self._shape
-        return [
-            (a, b, c, d)
-            for a in range(loads)
-            for b in range(a + 1, loads + 1)
-            for c in range(speeds)
-            for d in range(c + 1, speeds + 1)
-        ]
-
-    def within(self, a: int, b: int, c: int, d: int) -> tuple[float, float]:
-        """Summed error and number of rows."""
-
-        def over(table: Floats) -> float:
-            return float(table[b, d] - table[a, d] - table[b, c] + table[a, c])
-
-        return over(self._sums), over(self._rows)
 
 
 def _by_range(name: str, error: Floats, key: str, values: Floats, total: float) -> list[Regime]:
@@ -272,10 +234,6 @@ def _by_label(
                 text = str(word) if key == 'phase' else f'{key} {word}'
                 out.append(Regime(name, (text,), {}, mean, own.size / _RATE, share))
     return out
-
-
-def _range(edges: Sequence[float], a: int, b: int) -> tuple[float, float]:
-    return edges[a], edges[b]
 
 
 def _words(low: float, high: float, unit: str, edges: Sequence[float]) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from power_estimator.effects import Catalogue, Effect
-from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
+from power_estimator.effects.fit.candidate_screener import CandidateScreener, Trial
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
@@ -47,16 +47,6 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
     return list(dict.fromkeys(found))
 
 
-def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:
-    """Screen all candidates; return the result of each effect's best shape by name."""
-    best: dict[str, Trial] = {}
-    for trial in screener.fitted([[active] for active in screener.candidates]):
-        name = trial.actives[0].name
-        if name not in best or trial.error < best[name].error:
-            best[name] = trial
-    return dict(zip(best, screener.tested(list(best.values())), strict=True))
-
-
 MOST_NAMED = 3
 AS_GOOD, LEAST_OF_TWO = 0.95, 0.75
 """
@@ -81,53 +71,66 @@ class Named:
     @property
     def explains(self) -> float:
         """Rms power that it explains over its drives, W."""
-        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+        return explained_w(self.gain, self.drives)
+
+
+def explained_w(gain: Floats, drives: Sequence[int]) -> float:
+    """Rms power over some drives in W, of held-out gains, W² [D]."""
+    return float(np.sqrt(np.maximum(gain[list(drives)], 0.0).mean()))
+
+
+Examined = Callable[[Structure, Evidence], Evidence]
+"""Function that refits terms from a fit and returns their held-out errors."""
 
 
 def named_instead(
-    fitter: Fitter,
     examiner: Examiner,
     catalogue: Catalogue,
     structure: Structure,
     best: Evidence,
-    examined: Callable[[Structure, Evidence], Evidence],
+    examined: Examined,
     least: Floats,
     gain: float,
 ) -> Named | None:
     """Return an effect of the catalogue in place of a formula, None where none explains enough.
 
-    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. least,
-    examined: as in `best_named`.
+    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. least: as
+    in `best_named`.
     """
-    first = best_named(fitter, examiner, catalogue, structure, best, examined, least)
+    first = best_named(examiner, catalogue, structure, best, examined, least)
     if first is None or first.gain.sum() < LEAST_OF_TWO * gain:
         return None
     if first.gain.sum() >= AS_GOOD * gain:
         return first
     beside = structure.plus(first.active)
-    second = best_named(fitter, examiner, catalogue, beside, first.after, examined, least)
+    second = best_named(examiner, catalogue, beside, first.after, examined, least)
     both = first.gain.sum() + (0.0 if second is None else second.gain.sum())
     return first if both >= AS_GOOD * gain else None
 
 
 def best_named(
-    fitter: Fitter,
     examiner: Examiner,
     catalogue: Catalogue,
     structure: Structure,
     best: Evidence,
-    examined: Callable[[Structure, Evidence], Evidence],
+    examined: Examined,
     least: Floats,
 ) -> Named | None:
     """Return the candidate of the catalogue that explains most beside a model, if any is left.
 
-    least: W² [D] that counts as explained on a drive; examined: refits terms from a fit.
+    least: W² [D] that counts as explained on a drive.
     """
-    left = candidates(fitter, best.fit.structure, catalogue)
+    left = candidates(examiner.fitter, best.fit.structure, catalogue)
     if not left:
         return None
-    screener = CandidateScreener(fitter, examiner.folds, best.fit, left)
-    order = sorted(best_shapes(screener).values(), key=lambda one: float(one.mean_mse.sum()))
+    screener = CandidateScreener(examiner.fitter, examiner.folds, best.fit, left)
+    shapes: dict[str, Trial] = {}
+    for trial in screener.fitted([[active] for active in left]):
+        name = trial.actives[0].name
+        if name not in shapes or trial.error < shapes[name].error:
+            shapes[name] = trial
+    tested = screener.tested(list(shapes.values()))
+    order = sorted(tested, key=lambda one: float(one.mean_mse.sum()))
     out: list[Named] = []
     for screened in order[:_FITTED]:
         active = screened.actives[0]

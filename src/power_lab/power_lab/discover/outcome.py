@@ -23,7 +23,7 @@ from wattwalk_core.errors import InputError, printable
 from power_lab.diagnose.findings import short
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
-from power_lab.discover.found import Discovery, Found, check_bounds
+from power_lab.discover.found import Discovery, Found, check_bounds, drawn_means
 from power_lab.discover.selection import KEEPS
 from power_lab.structure.words import in_words
 
@@ -86,43 +86,26 @@ class OtherRecording:
         columns = [self.prepared.names.index(name) for name in shared]
         errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
         parts = (before.residual[:, columns], after.residual[:, columns])
-        verdict, reason = self._verdict(parts, before, after, columns, explains)
-        return Transfer(
-            tuple(shared),
-            errors[0],
-            errors[1],
-            verdict,
-            reason,
-            self.prepared.time,
-            before.measured[:, columns],
-            parts,
-        )
+        moved = (after.estimated - before.estimated)[:, columns]
+        verdict = self._verdict(parts, moved, explains)
+        measured = before.measured[:, columns]
+        time = self.prepared.time
+        return Transfer(tuple(shared), errors[0], errors[1], *verdict, time, measured, parts)
 
     def _verdict(
-        self,
-        parts: tuple[Floats, Floats],
-        before: JudgedModel,
-        after: JudgedModel,
-        columns: list[int],
-        explains: float,
+        self, parts: tuple[Floats, Floats], change: Floats, explains: float
     ) -> tuple[bool | None, str]:
-        if not columns:
+        """Whether an effect transfers, and why; change: of the estimate by it, W [N, d]."""
+        if not change.size:
             return None, 'the other recording has none of its drives'
-        moved = np.nanstd((after.estimated - before.estimated)[:, columns])
+        moved = np.nanstd(change)
         if moved < _LEAST_SHOWN * explains:
             return None, f'the other recording hardly shows it ({moved:.2f} W)'
         rows = self.blocks.rows
         fall = np.square(parts[0]) - np.square(parts[1])
         by_block = np.nanmean(fall[rows].reshape(len(rows), -1), axis=1)
         by_block = by_block[np.isfinite(by_block)]
-        random = np.random.default_rng(0)
-        size = min(5, len(by_block))
-        starts = random.integers(
-            0, len(by_block) - size + 1, (_BOOTSTRAPS, -(-len(by_block) // size))
-        )
-        drawn = by_block[(starts[..., None] + np.arange(size)).reshape(_BOOTSTRAPS, -1)].mean(
-            axis=1
-        )
+        drawn = drawn_means(by_block, _BOOTSTRAPS, seed=0)
         whole = float(np.nanmean(np.square(parts[0])))
         share = float(by_block.mean()) / max(whole, 1e-12)
         if float(np.quantile(drawn, 0.025)) > 0.0 and share >= _LEAST_FALL:
@@ -228,20 +211,23 @@ class DiscoveryOutcome:
                 name: {
                     'rmse_w': self.before.drives[name].json()['rmse_w'],
                     'rmse_after_w': self.after.drives[name].json()['rmse_w'],
-                    'floor_w': short(float(d.floor[i])),
-                    'sensor_noise_w': _finite(float(self.own.prepared.noise[i])),
+                    'floor_w': short(floor),
+                    'sensor_noise_w': short(watts) if np.isfinite(watts) else None,
                 }
-                for i, name in enumerate(names)
+                for name, floor, watts in zip(
+                    names, d.floor.tolist(), self.own.prepared.noise.tolist(), strict=True
+                )
             },
         }
 
     def _one(self, one: Found, transfer: Transfer | None) -> dict[str, Any]:
         names = self.own.prepared.names
+        text = '' if one.formula is None else one.formula.text()
         content: dict[str, Any] = {
             'name': one.name,
             'kind': one.kind,
             'drives': [names[d] for d in one.drives],
-            'formula': _course_text(one) if one.formula is None else one.formula.text(),
+            'formula': text if one.course is None else f'P = s(t), {one.course.shape.words}',
             'bounds': {},
             'explains_w': short(one.explains),
             'interval': [short(bound) for bound in one.interval],
@@ -275,21 +261,16 @@ class DiscoveryOutcome:
             'rivals': [{'formula': text, 'leaves_w': short(watts)} for text, watts in one.rivals],
         }
         if transfer is not None:
+            before, after = (
+                dict(zip(transfer.drives, map(short, errors), strict=True))
+                for errors in (transfer.before, transfer.after)
+            )
             content['other_recording'] = {
-                'rmse_before_w': dict(
-                    zip(transfer.drives, map(short, transfer.before), strict=True)
-                ),
-                'rmse_after_w': dict(
-                    zip(transfer.drives, map(short, transfer.after), strict=True)
-                ),
+                'rmse_before_w': before,
+                'rmse_after_w': after,
                 'reason': transfer.reason,
             }
         return content
-
-
-def _course_text(one: Found) -> str:
-    assert one.course is not None
-    return f'P = s(t), {one.course.shape.words}'
 
 
 def discover(
@@ -372,7 +353,3 @@ def split(bags: Sequence[Any], test: Sequence[Any]) -> tuple[list[Any], list[Any
     if test or len(bags) < 2:
         return list(bags), list(test)
     return list(bags[:-1]), list(bags[-1:])
-
-
-def _finite(value: float) -> float | None:
-    return short(value) if np.isfinite(value) else None

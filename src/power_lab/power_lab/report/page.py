@@ -50,7 +50,7 @@ def write_diagnosis(
     judged = outcome.judged
     shown = [judged.before] if judged.after is judged.before else [judged.before, judged.after]
     _section_traces(page, judged.comparison.prepared, shown)
-    _section_failures(page, judged.comparison, shown, judged.regimes)
+    _section_failures(page, judged.comparison, shown, judged.comparison.regimes[0])
     _section_candidates(page, outcome)
     _section_next(page, outcome)
     others = compare(outcome.loaded, list(also), catalogue).json()['models'] if also else []
@@ -232,7 +232,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         numbers=(1, 2, 4, 5),
         bold=[i for i, row in enumerate(rows) if row.name in diagnosis.effects],
     )
-    regimes = outcome.judged.regimes_after
+    regimes = outcome.judged.comparison.regimes[-1]
     if regimes and diagnosis.residual is not None:
         page.text(f'What is left is most at {regimes[0].text}.')
 

@@ -173,7 +173,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             'yes' if term['matters'] else '',
         )
     console.print(terms)
-    for regime in outcome.judged.regimes[:3]:
+    for regime in outcome.judged.comparison.regimes[0][:3]:
         console.print(f'the model fails at {regime.text}')
     motion = outcome.motion
     console.print(f'to record next ({motion.seconds:.0f} s): {motion.reason}')

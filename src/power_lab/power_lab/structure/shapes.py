@@ -159,12 +159,6 @@ def problems(
     return out
 
 
-def price(point: Linearisation, drive: int) -> Floats:
-    """Power that a torque on the motor costs, W/(N·m) [T]."""
-    s = point.signals
-    return np.asarray(s.motor_velocity[:, drive] + s.torque_cost[:, drive])
-
-
 NODES, OF_TURN, OF_POSITION = 33, 97, 49
 """Nodes of a shape: over most drivers, over a turn, over a position."""
 _SMOOTHING = tuple(10.0**k for k in range(-5, 3))
@@ -209,12 +203,22 @@ def spread(values: Floats, count: int = NODES) -> Floats | None:
 
 def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, Floats]:
     """Driver [T] and the weight of its function, W per unit [T], at each sample of a drive."""
+    return driver_values(family.driver, point.signals, drive), weight_of(family, point, drive)
+
+
+def weight_of(family: Family, point: Linearisation, drive: int) -> Floats:
+    """Weight of a family's function, W per unit [T], at each sample of a drive."""
     signals = point.signals
-    z = driver_values(family.driver, signals, drive)
-    weight = factor_values(family.factor, signals, drive) * np.ones(len(z))
-    if family.acts_on == 'torque':
-        weight = weight * price(point, drive)
-    return z, weight
+    weight = factor_values(family.factor, signals, drive) * np.ones(len(signals.time))
+    if family.acts_on == 'torque':  # what a torque on the motor costs, W/(N·m)
+        weight = weight * (signals.motor_velocity[:, drive] + signals.torque_cost[:, drive])
+    return weight
+
+
+def bend(count: int) -> Floats:
+    """Penalty [count, count] on the curvature of a shape at evenly spaced nodes."""
+    curvature = np.diff(np.eye(count), n=2, axis=0)
+    return np.asarray(curvature.T @ curvature)
 
 
 def learn(
@@ -230,15 +234,13 @@ def learn(
     share = np.bincount(left, minlength=count) / len(z)
     columns = _reduced_hats(left, over, weight, count, prepared)
     moments = problem.moments(columns)
-    curvature = np.diff(np.eye(count), n=2, axis=0)
-    bend = curvature.T @ curvature
-    own = moments.gram[-1][-count:, -count:]
+    curved, own = bend(count), moments.gram[-1][-count:, -count:]
     unit = float(np.trace(own)) / count
     if unit <= 0.0:
         return None
     best: tuple[float, Floats] | None = None
     for smoothing in _SMOOTHING:
-        penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(count)
+        penalty = smoothing * unit * curved + 1e-6 * unit * np.eye(count)
         solved = problem.solve(moments, penalty)
         error = float(moments.error(solved[:-1]).sum())
         if best is None or error < best[0]:
