@@ -31,7 +31,7 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
     that each estimate at 50 Hz takes.
     """
     rng = np.random.default_rng(0)
-    shapes = ((4 * hidden, 3), (4 * hidden, hidden), (4 * hidden,), (hidden,), (1,))
+    shapes = Weights.shapes(hidden).values()
     weights = Weights(*(rng.normal(0, 0.1, shape).astype(np.float32) for shape in shapes))
     bank = LstmBank({'a': (weights, _SCALING)}, {'a': range(drives)}, drives)
     if history is None:

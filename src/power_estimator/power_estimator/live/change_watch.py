@@ -301,7 +301,10 @@ class ChangeWatch:
         |ω|, ω², τ² and estimated power. NaN for drives without a value.
         """
         if self._index is not None and index != self._index + 1:
-            self._pause()
+            self._seconds.clear()
+            self._unbroken = False
+            if self._detector is not None:
+                self._detector.pause()
         self._index = index
         row = np.concatenate([difference[:, None], regressors], axis=1)
         self._seconds.append(row)
@@ -335,12 +338,6 @@ class ChangeWatch:
         self.alarms.append(shift)
         return shift
 
-    def _pause(self) -> None:
-        self._seconds.clear()
-        self._unbroken = False
-        if self._detector is not None:
-            self._detector.pause()
-
     def _learn(self, block: Floats) -> None:
         whole = bool(np.isfinite(block).all())
         if whole:
@@ -349,15 +346,11 @@ class ChangeWatch:
         self._unbroken = whole
         if len(self._learned) < self._needed:
             return
-        blocks = np.stack(self._learned)
+        blocks = np.stack(self._learned).swapaxes(0, 1)  # [D, n, 6]
         follows = np.array(self._follows)
-        noise = [
-            ReferenceNoise.of(blocks[:, d, 0], blocks[:, d, 2:], follows)
-            for d in range(len(self.drives))
-        ]
         self._learned.clear()
         self._follows.clear()
-        self._begin(tuple(noise))
+        self._begin(tuple(ReferenceNoise.of(own[:, 0], own[:, 2:], follows) for own in blocks))
 
     def _begin(self, noise: tuple[ReferenceNoise, ...]) -> None:
         self._detector = ShiftDetector(noise, self.config.blocks_between_alarms)

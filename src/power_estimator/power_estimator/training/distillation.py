@@ -54,14 +54,12 @@ class Distillation:
         if about.get('fold', 0) != 0:
             raise InputError('the teacher is not of fold 0; give the run folder it belongs to')
         self.teacher, self._given = teacher, given
-        self.validation = CrossValidation(
-            given.data,
+        self.validation = CrossValidation.of(
+            given,
             teacher.types,
             network=replace(config, hidden=hidden),
             training=training,
             protocol=Protocol(about.get('segments', 6), 1, config.history),
-            others=[given.live],
-            recordings=given.recordings,
             targets=teacher.predict(given.data),
         )
 

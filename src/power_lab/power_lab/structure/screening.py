@@ -55,27 +55,19 @@ class DriverScreen:
     without either shortcut.
     """
 
-    def __init__(
-        self,
-        problem: DriveProblem,
-        point: Linearisation,
-        prepared: Prepared,
-        moves: int = MOVES,
-    ) -> None:
-        """moves: residuals without a cause for comparison, 0 for none."""
+    def __init__(self, problem: DriveProblem, point: Linearisation, prepared: Prepared) -> None:
         self.problem, self.point, self.prepared = problem, point, prepared
         mask = problem.blocks.mask[..., 0]
         fold = np.broadcast_to(problem.folds.test[:, None], mask.shape)[mask]
-        training = problem.folds.training[:, :, None] * np.ones(mask.shape[1])
-        near = [(training[f][mask] == 0.0) & (fold != f) for f in range(problem.folds.count)]
+        training = np.repeat(problem.folds.training[:, :, None], mask.shape[1], axis=2)[:, mask]
         self.rows = problem.blocks.rows[mask]
         self._tests = [np.flatnonzero(fold == f) for f in range(problem.folds.count)]
-        self._near = [np.flatnonzero(one) for one in near]
+        self._near = [np.flatnonzero((own == 0.0) & (fold != f)) for f, own in enumerate(training)]
         self._values = np.nan_to_num(problem.residual[problem.blocks.rows])
         self._mask = mask
         count = len(self._values)
         least = max(1, round(_LEAST_MOVE * count))
-        shifts = np.linspace(least, count - least, moves).round().astype(int)
+        shifts = np.linspace(least, count - least, MOVES).round().astype(int)
         self._moves: list[int] = shifts.tolist()
         self._ridge = problem.ridge[problem.free]
         self._weights: dict[tuple[str, str], Floats] = {}
@@ -105,7 +97,7 @@ class DriverScreen:
         values = values - values.mean()
         square = float(np.square(values).sum())
         slow = np.square(values.mean(axis=1)).sum() * values.shape[1] >= _SLOW * square
-        if slow or len(self._moves) < 2 or not square > 0.0:
+        if slow or not square > 0.0:
             return False
         alike = [float((values * np.roll(values, m, axis=0)).sum()) for m in self._moves]
         return sorted(alike)[-2] >= _REPEATS * square

@@ -82,22 +82,16 @@ class DriveProblem:
         low, high = self.lower + reach, self.upper - reach
         return np.asarray((coefficients <= low) | (coefficients >= high))
 
-    def block_moments(self, extra: Floats | None) -> tuple[Floats, Floats, Floats]:
-        """Gram [B, m + K, m + K], moment [B, m + K] and square [B] by block; extra: [N, K].
-
-        extra: further regressors beside the base's.
-        """
+    def moments(self, extra: Floats | None) -> Moments:
+        """Normal equations by fold of the base's regressors and further ones, extra [N, K]."""
         own, mask = self.scatter
         rows = self.blocks.rows
         if extra is not None:
             own = np.concatenate([own, extra[rows] * mask[..., None]], axis=2)
         target = np.where(mask, np.nan_to_num(self.target[rows]), 0.0)
         turned = own.transpose(0, 2, 1)
-        return turned @ own, (turned @ target[..., None])[..., 0], np.square(target).sum(axis=1)
-
-    def moments(self, extra: Floats | None) -> Moments:
-        """Normal equations by fold of the base's regressors and further ones, extra [N, K]."""
-        gram, moment, square = self.block_moments(extra)
+        gram, moment = turned @ own, (turned @ target[..., None])[..., 0]
+        square = np.square(target).sum(axis=1)
         train = np.concatenate([self.folds.training, np.ones((1, len(gram)))])
         test = (self.folds.test == np.arange(self.folds.count)[:, None]).astype(np.float64)
         return Moments(
