@@ -1,5 +1,6 @@
 """Watch for drives that draw other than the reference, while the robot runs."""
 
+import json
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -178,12 +179,8 @@ class WatchReference:
 
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""
-        drives = {
-            name: {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(own).items()}
-            for name, own in self.drives.items()
-        }
-        content = {'format': self.format, 'model': self.model, 'block': self.block}
-        write_whole(path, dump_yaml({**content, 'drives': drives}))
+        plain = json.loads(json.dumps(asdict(self)))  # lists for tuples
+        write_whole(path, dump_yaml(plain))
 
 
 LIKE: Final[Mapping[str, int]] = {

@@ -17,12 +17,11 @@ from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 from power_lab.challenge.challenge import Challenge, unseal
-from power_lab.diagnose.next_recording import Motion
+from power_lab.diagnose.next_recording import SPARE, Motion
 
 _GRAVITY = 9.81
 _LENGTH = 0.45  # m, of the pendulum
 _INERTIA = 0.03  # kg·m², of the disc beside it
-_SPARE = 1.15  # the pendulum carries this much more than the largest load
 _LEAST_LOAD = 3.0  # N·m, so that there is something to swing
 
 
@@ -58,7 +57,7 @@ def record_motion(
         plant = Challenge.of(unseal(challenge)).plant(plant)
     else:
         plant = plant.unit(unit)
-    pull = _SPARE * max(_LEAST_LOAD, motion.strongest)
+    pull = SPARE * max(_LEAST_LOAD, motion.strongest)
     world = stand_world(drive, Stand(_INERTIA, pull / (_GRAVITY * _LENGTH), _LENGTH))
     controller = MotionController(motion, Mounting(pull), JUMPS)
     controller.name = f'motion {file.stem}'

@@ -26,7 +26,7 @@ however long the rest of the recording is; half of a motion may show nothing.
 """
 _RANGE = 6.0  # rad, that a joint turns one way
 _MOST_PASSES = 40  # more than a joint of a leg ever needs
-_SPARE = 1.15  # a pendulum pulls this much more than the largest load
+SPARE = 1.15  # a pendulum pulls this much more than the largest load
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Motion:
                 raise InputError(f'--limits has nothing for {drive}; add it, or a pattern for it')
             own = limits[drive]
             hanging = 0.0 if own.low < 0.0 < own.high else 0.5 * (own.low + own.high)
-            pull = _SPARE * max(motion.strongest, 1.0)
+            pull = SPARE * max(motion.strongest, 1.0)
             motion, notes = fitted(motion, hanging, Mounting(pull, hanging), own)
             changes += [f'{drive}: {note}' for note in notes]
         segments = tuple(segment.content() for segment in motion.segments)

@@ -92,12 +92,9 @@ def in_short(
         text = f'{verb} after it stood, fading over {over}: {size}'
     else:
         text = f'{verb} {where}: {size}'
-    watts = f' ({strength:.3g} W per rad/s)' if _is_friction(formula) else ''
+    is_friction = formula.unit == 'N·m' and formula.family.factor.name == 'sign'
+    watts = f' ({strength:.3g} W per rad/s)' if is_friction else ''
     return f'hypothesis: {drives[drive]} {text}{watts}'
-
-
-def _is_friction(formula: Formula) -> bool:
-    return formula.unit == 'N·m' and formula.family.factor.name == 'sign'
 
 
 def _where(formula: Formula, drive: int) -> str:

@@ -133,29 +133,6 @@ def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bo
     return finished(figure)
 
 
-def staircase(steps: Sequence[str], errors: Sequence[float], lines: Mapping[str, float]) -> Figure:
-    """Bars of the held-out error of each model, W; lines: levels to draw across, W by name."""
-    colors = [COLORS['base']] + [COLORS['better']] * (len(steps) - 1)
-    told = '%{x}: %{y} W<extra></extra>'
-    figure = go.Figure(told_bars(steps, errors, marker={'color': colors}, hovertemplate=told))
-    for (name, level), dash in zip(lines.items(), ('dash', 'dot', 'dashdot') * 3, strict=False):
-        figure.add_hline(
-            y=level,
-            line={'color': COLORS['third'] if dash == 'dash' else COLORS['faint'], 'dash': dash},
-            annotation={
-                'text': f'{name} {level:.2f} W',
-                'font': {'color': COLORS['text']},
-                'bgcolor': COLORS['ground'],
-            },
-            annotation_position='top right',
-        )
-    figure.update_layout(bargap=0.55)
-    top = max([*errors, *lines.values()])
-    figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
-    figure.update_xaxes(automargin=True)
-    return finished(figure)
-
-
 _DIVERGING = [
     [0.0, '#2166ac'],
     [0.25, '#67a9cf'],
@@ -254,7 +231,28 @@ class Stairs:
 
     def figure(self, lines: Mapping[str, float] | None = None) -> Figure:
         """Draw the errors as bars; lines: errors of other models to draw across, W by name."""
-        return staircase(self.steps, self.errors, {'sensor noise': self.noise, **(lines or {})})
+        across = {'sensor noise': self.noise, **(lines or {})}
+        colors = [COLORS['base']] + [COLORS['better']] * (len(self.steps) - 1)
+        looks = {'marker': {'color': colors}, 'hovertemplate': '%{x}: %{y} W<extra></extra>'}
+        figure = go.Figure(told_bars(self.steps, self.errors, **looks))
+        dashes = ('dash', 'dot', 'dashdot') * 3
+        for (name, level), dash in zip(across.items(), dashes, strict=False):
+            color = COLORS['third'] if dash == 'dash' else COLORS['faint']
+            figure.add_hline(
+                y=level,
+                line={'color': color, 'dash': dash},
+                annotation={
+                    'text': f'{name} {level:.2f} W',
+                    'font': {'color': COLORS['text']},
+                    'bgcolor': COLORS['ground'],
+                },
+                annotation_position='top right',
+            )
+        figure.update_layout(bargap=0.55)
+        top = max([*self.errors, *across.values()])
+        figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
+        figure.update_xaxes(automargin=True)
+        return finished(figure)
 
 
 def _comparable(entry: Mapping[str, Any], judged: JudgedModel, loaded: Loaded) -> bool:
