@@ -10,7 +10,6 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.orders import PERIODIC, orders_of_fit
-from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.evidence import Evidence, Examiner
 from wattwalk_core.arrays import Floats
@@ -28,18 +27,14 @@ def with_free_coefficient(of: Effect) -> Effect:
 
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
     """Physical effects of the catalogue that the base lacks, in each shape the signals allow."""
-    signals, whole = fitter.prepared.signals, fitter.prepared.whole
+    signals = fitter.prepared.signals
     known = {name.partition('@')[0] for name in base.names}
     effects = [
         effect if effect.fixed is None else with_free_coefficient(effect)
         for effect in catalogue.physics()
         if effect.name not in known and (effect.fixed is None or fitter.builder.base is None)
     ]
-    found = [
-        Active.of(shared_by_size(effect, signals) if whole else effect, shape)
-        for effect in effects
-        for shape in effect.tried_on(signals)
-    ]
+    found = [Active.of(effect, shape) for effect in effects for shape in effect.tried_on(signals)]
     if cogging := [active for active in found if active.name == PERIODIC]:
         orders = orders_of_fit(fitter.fit(base, iterations=3))
         effect = cogging[0].effect
