@@ -1,6 +1,6 @@
 """Discover on recordings: from files to what is printed and written."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
 from power_lab.diagnose.findings import short
-from power_lab.discover.discovery import Discoverer
+from power_lab.discover.discovery import Discoverer, Show
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds, drawn_means
 from power_lab.discover.selection import KEEPS
@@ -113,9 +113,6 @@ class OtherRecording:
         return False, (
             f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
         )
-
-
-Show = Callable[[str], None]
 
 
 @dataclass(frozen=True)

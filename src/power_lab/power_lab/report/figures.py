@@ -57,15 +57,17 @@ def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: 
     """Map of the mean error over torque and speed [N], W; red: too high; limit: end of colours."""
     good = np.isfinite(residual)
     x, y, z = velocity[good], torque[good], -residual[good]
-    edges = [_edges(x), _edges(y)]
-    sums, *_ = np.histogram2d(y, x, bins=[edges[1], edges[0]], weights=z)
-    rows, *_ = np.histogram2d(y, x, bins=[edges[1], edges[0]])
+    ends = (np.quantile(values, [0.003, 0.997]).tolist() for values in (y, x))
+    edges = [np.linspace(low, high + 1e-9, _MAP_BINS + 1) for low, high in ends]
+    sums, *_ = np.histogram2d(y, x, bins=edges, weights=z)
+    rows, *_ = np.histogram2d(y, x, bins=edges)
+    torques, speeds = (short(0.5 * (own[1:] + own[:-1])) for own in edges)
     with np.errstate(invalid='ignore'):
         mean = np.where(rows >= 5, sums / rows, np.nan)
     figure = go.Figure(
         go.Heatmap(
-            x=short(_middles(edges[0])),
-            y=short(_middles(edges[1])),
+            x=speeds,
+            y=torques,
             z=short(mean),
             zmin=-limit,
             zmax=limit,
@@ -178,15 +180,6 @@ def told_bars(names: Sequence[str], watts: Sequence[float], **looks: Any) -> go.
 def noise_w(noise: Floats) -> float:
     """Rms noise of all meters, W, from that of each, W [M]; unknown ones count as 0."""
     return float(np.sqrt(np.nan_to_num(np.square(noise)).mean()))
-
-
-def _edges(values: Floats) -> Floats:
-    low, high = np.quantile(values, [0.003, 0.997]).tolist()
-    return np.linspace(low, high + 1e-9, _MAP_BINS + 1)
-
-
-def _middles(edges: Floats) -> Floats:
-    return 0.5 * (edges[1:] + edges[:-1])
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -63,7 +64,7 @@ def write_diagnosis(
 def write_comparison(path: Path, comparison: Comparison) -> None:
     """Write the HTML page of a comparison."""
     content = comparison.json()
-    models = sorted(content['models'], key=lambda model: _error(model))
+    models = sorted(content['models'], key=_error)
     page = Page('Comparison of power models')
     page.add('<p class="kind no_evidence">Comparison</p>')
     page.add(f'<h1 id="verdict">{escape(closest(models))}</h1>')
@@ -77,15 +78,11 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     )
     rows = []
     for model in models:
+        heads = model['name'], model['held_out']
         for drive, scores in [*model['drives'].items(), ('all drives', model['total'])]:
-            rows.append(
-                [
-                    model['name'] if drive == prepared.names[0] else '',
-                    drive,
-                    *(_cell(scores[key]) for key in ('r2', 'rmse_w', 'bias_w', 'error_j')),
-                    model['held_out'] if drive == prepared.names[0] else '',
-                ]
-            )
+            cells = (_cell(scores[key]) for key in ('r2', 'rmse_w', 'bias_w', 'error_j'))
+            rows.append([heads[0], drive, *cells, heads[1]])
+            heads = '', ''
     page.heading('Errors')
     page.table(
         ['model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'kept apart by'],
@@ -254,15 +251,13 @@ def _section_next(page: Page, outcome: Outcome) -> None:
     )
 
 
-def _section_staircase(
-    page: Page, outcome: Outcome, others: Sequence[Mapping[str, object]]
-) -> None:
+def _section_staircase(page: Page, outcome: Outcome, others: Sequence[Mapping[str, Any]]) -> None:
     page.heading('The error falls')
     judged = outcome.judged
     noise = outcome.prepared.noise
     stairs = Stairs.of(outcome.model.history, judged.steps, outcome.loaded, noise)
     highest = _HIGHEST * max(stairs.errors)
-    errors = {str(model['name']): _error(model) for model in others}
+    errors = {model['name']: _error(model) for model in others}
     high = [f'{name} {error:.1f} W' for name, error in errors.items() if error > highest]
     lines = {name: error for name, error in errors.items() if error <= highest}
     page.add(page.figure(stairs.figure(lines), 'Error from base to better', size='mid'))
@@ -323,13 +318,11 @@ def _worst_first(residual: Floats) -> list[int]:
     return [int(column) for column in np.argsort(-np.nan_to_num(size))]
 
 
-def closest(models: Sequence[Mapping[str, object]]) -> str:
+def closest(models: Sequence[Mapping[str, Any]]) -> str:
     """Name the model with the least error in a sentence; models: those of `Comparison.json`."""
     order = sorted(models, key=_error)
     best, worst = order[0], order[-1]
-    drives = best['drives']
-    assert isinstance(drives, Mapping)
-    robot = list(drives) == [WHOLE]
+    robot = [*best['drives']] == [WHOLE]
     each, over = ('', '') if robot else (' for each drive', ' over the drives')
     text = f'{best["name"]} is {_error(best):.2f} W off{each}'
     if worst is not best:
@@ -338,10 +331,8 @@ def closest(models: Sequence[Mapping[str, object]]) -> str:
     return f'{text} (root mean square{over}, held-out data).'
 
 
-def _error(model: Mapping[str, object]) -> float:
-    drives = model['drives']
-    assert isinstance(drives, Mapping)
-    return over_meters(scores['rmse_w'] for scores in drives.values())
+def _error(model: Mapping[str, Any]) -> float:
+    return over_meters(scores['rmse_w'] for scores in model['drives'].values())
 
 
 def _cell(value: float | None) -> str:
