@@ -131,7 +131,6 @@ class PartsOverTime:
     metered: Floats  # W [N, M]
     state: Mapping[str, Floats]  # N·m, rad/s, … [N, D]
     masks: Masks  # by phase [N, D]
-    recording: NDArray[np.int32]  # [N]
     stretches: Sequence[slice]
 
 
@@ -236,7 +235,7 @@ class Accounts:
             self._add_groups(tallies, whole[index], index)
         return PartsOverTime(
             *(names, parts, np.stack(power, axis=1), self.metered, state, masks),
-            *(prepared.recording, prepared.reducer.stretches()),
+            prepared.reducer.stretches(),
         ), found
 
     @property

@@ -162,21 +162,19 @@ _TAIL = 0.002  # of the samples, beyond the outermost nodes
 
 @dataclass(frozen=True)
 class LearnedShape:
-    """A shape of one family on one drive, with its held-out gain."""
+    """A shape of one family on one drive, with its held-out gain; the last fold is of all."""
 
     family: Family
-    drive: int
     nodes: Floats  # [K], values of the driver
     share: Floats  # [K], of the samples near each node
-    coefficients: Floats  # [m + K], of the base and of the shape at the nodes
-    by_fold: Floats  # [F + 1, m + K]
+    by_fold: Floats  # [F + 1, m + K], coefficients of the base and of the shape at the nodes
     moments: Moments
     gain: float  # W² by row, held out
 
     @property
     def values(self) -> Floats:
         """The shape at its nodes [K]."""
-        return self.coefficients[-len(self.nodes) :]
+        return self.by_fold[-1, -len(self.nodes) :]
 
 
 def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -232,24 +230,14 @@ def learn(
     unit = float(np.trace(own)) / count
     if unit <= 0.0:
         return None
-    best: tuple[float, Floats] | None = None
-    for smoothing in _SMOOTHING:
-        penalty = smoothing * unit * curved + 1e-6 * unit * np.eye(count)
-        solved = problem.solve(moments, penalty)
-        error = float(moments.error(solved[:-1]).sum())
-        if best is None or error < best[0]:
-            best = (error, solved)
-    assert best is not None
-    return LearnedShape(
-        family=family,
-        drive=problem.drive,
-        nodes=nodes,
-        share=share,
-        coefficients=best[1][-1],
-        by_fold=best[1],
-        moments=moments,
-        gain=problem.base_error - best[0] / moments.rows,
-    )
+    solved = [
+        problem.solve(moments, smoothing * unit * curved + 1e-6 * unit * np.eye(count))
+        for smoothing in _SMOOTHING
+    ]
+    errors = [float(moments.error(own[:-1]).sum()) for own in solved]
+    best = min(range(len(errors)), key=errors.__getitem__)
+    gain = problem.base_error - errors[best] / moments.rows
+    return LearnedShape(family, nodes, share, solved[best], moments, gain)
 
 
 def _reduced_hats(
