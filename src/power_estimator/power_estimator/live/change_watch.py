@@ -252,7 +252,7 @@ class ChangeWatch:
         self._learned: list[Floats] = []  # [D, 6]
         self._follows: list[bool] = []  # whether the block before is that before in time
         self._unbroken = False
-        self._recent: deque[tuple[int, Floats]] = deque(maxlen=_SECONDS_KEPT)
+        self._recent: deque[Floats] = deque(maxlen=_SECONDS_KEPT)  # [D, 6] each
         self._index: int | None = None
         self._detector: ShiftDetector | None = None
         if reference is not None and all(name in reference for name in drives):
@@ -305,7 +305,7 @@ class ChangeWatch:
         self._index = index
         row = np.concatenate([difference[:, None], regressors], axis=1)
         self._seconds.append(row)
-        self._recent.append((index, row))
+        self._recent.append(row)
         if len(self._seconds) < self.config.block:
             return None
         seconds, self._seconds = np.stack(self._seconds), []
@@ -356,7 +356,7 @@ class ChangeWatch:
         """Size and likely causes by the seconds since the shift began."""
         assert self._detector is not None
         noise = self._detector.noise[drive]
-        rows = np.array([row[drive] for _, row in list(self._recent)[-seconds:]])
+        rows = np.array([row[drive] for row in list(self._recent)[-seconds:]])
         rows = rows[np.isfinite(rows).all(axis=1)]
         more = np.array([noise.left(float(row[0]), row[2:]) for row in rows])
         errors = {}

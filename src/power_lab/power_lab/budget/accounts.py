@@ -152,7 +152,7 @@ class Accounts:
                 raise InputError(f'{model.name} says nothing about {name}; fit it on that, too')
         self.members: list[DriveGroup] = [group for group in found if group is not None]
         self.coefficients = model.coefficients(self.members)
-        self.draws: Draws = coefficient_draws(judge, model, count, seed)
+        self.draws: Draws = coefficient_draws(judge, model, self.members, count, seed)
 
     @cached_property
     def signals(self) -> Signals:

@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from power_estimator.drive_types import owners
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.whole_robot import column_of, share_of
-from power_estimator.effects.model_file.model import EffectModel, FittedValue
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.split import split
 from power_estimator.effects.training import Material
 from power_estimator.judge.judge import Judge
@@ -42,16 +41,17 @@ class Draws:
     measurement: Floats  # [R, M, k]
 
 
-def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 0) -> Draws:
+def coefficient_draws(
+    judge: Judge, model: EffectModel, members: Sequence[DriveGroup], count: int, seed: int
+) -> Draws:
     """Draw coefficients of a fitted model, as uncertain as its recordings leave them.
 
     On the recordings that it was fitted on they come from the posterior, and errors of the meter
     from their intervals. On others, and with a base or a prior, all come from the stored
-    intervals. count: number of draws R; 0 skips the posterior.
+    intervals. members: group of each drive; count: number of draws R; 0 skips the posterior.
     """
     prepared, random = judge.prepared, np.random.default_rng(seed)
     names = prepared.signals.names
-    members = [group for group in owners(names, model.groups) if group is not None]
     types = tuple(group.type for group in model.groups)
     material = Material(prepared, types, settings=judge.settings.fit)
     structure = material.structure(model.structure.actives)

@@ -93,9 +93,8 @@ def worst_regimes(
         error = -residual[good, drive]
         rows = {key: values[good, drive] for key, values in state.items()}
         total = float(np.square(error).sum())
-        factors = (1.0, 1.0) if scale is None else scale.of(drive)[:2]
-        edges = _Edges.of(*factors)
-        found += _by_load(name, error, rows['torque'], rows['velocity'], total, edges)
+        edges = _edges(scale, drive)
+        found += _by_load(name, error, rows['torque'], rows['velocity'], total, *edges)
         for key in ('acceleration', 'position', 'time', 'temperature'):
             if key in rows and np.isfinite(rows[key]).all():
                 found += _by_range(name, error, key, rows[key], total)
@@ -135,40 +134,38 @@ def digits(value: float) -> str:
 
 def standstill(scale: DriveScale, drive: int) -> float:
     """Speed in rad/s below which regimes call a drive at rest."""
-    return _Edges.of(*scale.of(drive)[:2]).still
+    return _edges(scale, drive)[1][0]
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """Borders of ranges of load and speed for a drive's size."""
-
-    torques: tuple[float, ...]  # N·m
-    speeds: tuple[float, ...]  # rad/s
-    still: float  # rad/s
-
-    @classmethod
-    def of(cls, torque: float, speed: float) -> '_Edges':
-        """For a drive that many times the reference drive's torque and speed."""
-        torques, speeds = (
-            tuple(float(f'{times * edge:.2g}') for edge in edges)
-            for times, edges in ((torque, _TORQUE_EDGES), (speed, _SPEED_EDGES))
-        )
-        return cls(torques, speeds, speeds[0])
+def _edges(scale: DriveScale | None, drive: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Borders of ranges of load, N·m, and of speed, rad/s, for a drive's size."""
+    times = (1.0, 1.0) if scale is None else scale.of(drive)[:2]
+    torques, speeds = (
+        tuple(float(f'{factor * edge:.2g}') for edge in edges)
+        for factor, edges in zip(times, (_TORQUE_EDGES, _SPEED_EDGES), strict=True)
+    )
+    return torques, speeds
 
 
 def _by_load(
-    name: str, error: Floats, torque: Floats, velocity: Floats, total: float, edges: '_Edges'
+    name: str,
+    error: Floats,
+    torque: Floats,
+    velocity: Floats,
+    total: float,
+    loads: Sequence[float],
+    faster: Sequence[float],
 ) -> list[Regime]:
-    speed, load = np.abs(velocity), np.abs(torque)
+    speed, load, still = np.abs(velocity), np.abs(torque), faster[0]
     modes = {
-        'driving': (torque * velocity > 0) & (speed >= edges.still),
-        'braking': (torque * velocity <= 0) & (speed >= edges.still),
-        'at rest': speed < edges.still,
+        'driving': (torque * velocity > 0) & (speed >= still),
+        'braking': (torque * velocity <= 0) & (speed >= still),
+        'at rest': speed < still,
     }
     out = []
     for mode, own in modes.items():
         best: Regime | None = None
-        loads, speeds = edges.torques, edges.speeds if mode != 'at rest' else (0.0, edges.still)
+        speeds = faster if mode != 'at rest' else (0.0, still)
         borders = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
         errors, counts = (
             np.histogram2d(load[own], speed[own], bins=borders, weights=weights)[0]
