@@ -89,53 +89,41 @@ def named_instead(
 ) -> Named | None:
     """Return an effect of the catalogue in place of a formula, None where none explains enough.
 
-    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. least: as
-    in `best_named`.
+    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. structure,
+    best: the model and its fit; least: W² [D] that counts as explained on a drive.
     """
-    first = best_named(examiner, catalogue, structure, best, examined, least)
+
+    def best_beside(structure: Structure, best: Evidence) -> Named | None:
+        """Candidate that explains most beside a model, if any is left."""
+        left = candidates(examiner.fitter, best.fit.structure, catalogue)
+        if not left:
+            return None
+        screener = CandidateScreener(examiner.fitter, examiner.folds, best.fit, left)
+        shapes: dict[str, Trial] = {}
+        for trial in screener.fitted([[active] for active in left]):
+            name = trial.actives[0].name
+            if name not in shapes or trial.error < shapes[name].error:
+                shapes[name] = trial
+        tested = screener.tested(list(shapes.values()))
+        found: list[Named] = []
+        for screened in sorted(tested, key=lambda one: float(one.mean_mse.sum()))[:_FITTED]:
+            active = screened.actives[0]
+            after = examined(structure.plus(active), best)
+            fall = best.mean_mse - after.mean_mse
+            drives = tuple(np.flatnonzero(fall >= least).tolist())
+            own = Evidence(after.fit, after.coefficients, after.mse, (active.name,))
+            if drives and active.name not in beyond_physics(own):
+                found.append(Named(active.name, active, after, fall, drives))
+        return max(found, key=lambda one: float(one.gain.sum()), default=None)
+
+    first = best_beside(structure, best)
     if first is None or first.gain.sum() < LEAST_OF_TWO * gain:
         return None
     if first.gain.sum() >= AS_GOOD * gain:
         return first
-    beside = structure.plus(first.active)
-    second = best_named(examiner, catalogue, beside, first.after, examined, least)
+    second = best_beside(structure.plus(first.active), first.after)
     both = first.gain.sum() + (0.0 if second is None else second.gain.sum())
     return first if both >= AS_GOOD * gain else None
-
-
-def best_named(
-    examiner: Examiner,
-    catalogue: Catalogue,
-    structure: Structure,
-    best: Evidence,
-    examined: Examined,
-    least: Floats,
-) -> Named | None:
-    """Return the candidate of the catalogue that explains most beside a model, if any is left.
-
-    least: W² [D] that counts as explained on a drive.
-    """
-    left = candidates(examiner.fitter, best.fit.structure, catalogue)
-    if not left:
-        return None
-    screener = CandidateScreener(examiner.fitter, examiner.folds, best.fit, left)
-    shapes: dict[str, Trial] = {}
-    for trial in screener.fitted([[active] for active in left]):
-        name = trial.actives[0].name
-        if name not in shapes or trial.error < shapes[name].error:
-            shapes[name] = trial
-    tested = screener.tested(list(shapes.values()))
-    order = sorted(tested, key=lambda one: float(one.mean_mse.sum()))
-    out: list[Named] = []
-    for screened in order[:_FITTED]:
-        active = screened.actives[0]
-        after = examined(structure.plus(active), best)
-        gain = best.mean_mse - after.mean_mse
-        drives = tuple(np.flatnonzero(gain >= least).tolist())
-        own = Evidence(after.fit, after.coefficients, after.mse, (active.name,))
-        if drives and active.name not in beyond_physics(own):
-            out.append(Named(active.name, active, after, gain, drives))
-    return max(out, key=lambda one: float(one.gain.sum()), default=None)
 
 
 def same_term(
