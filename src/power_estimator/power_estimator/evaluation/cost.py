@@ -1,6 +1,6 @@
 """Computing cost of networks: µs on this machine, the best of several tries."""
 
-import time
+import timeit
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -16,12 +16,7 @@ _SCALING = Scaling((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, 1.0)
 
 def best_of(body: Callable[[], object], tries: int) -> float:
     """Return the shortest time in s of `tries` calls: the cost on an idle machine."""
-    shortest = float('inf')
-    for _ in range(tries):
-        started = time.perf_counter()
-        body()
-        shortest = min(shortest, time.perf_counter() - started)
-    return shortest
+    return min(timeit.repeat(body, number=1, repeat=tries))
 
 
 def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIVES) -> float:
