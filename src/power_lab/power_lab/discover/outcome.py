@@ -11,7 +11,6 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS, Material, fit_model
-from power_estimator.judge.held_out import fitted_base
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
@@ -49,19 +48,13 @@ class Transfer:
 class OtherRecording:
     """Another recording of the robot, on which models fitted to the first are judged."""
 
-    def __init__(
-        self,
-        judge: Judge,
-        own: Material,
-        learned_on: Loaded,
-        base: str | None,
-    ) -> None:
-        """judge: of the other recording. own: what was learned on, on a base model or none."""
+    def __init__(self, judge: Judge, learned_by: Judge, own: Material, base: str | None) -> None:
+        """judge: of the other recording; own: what was learned on, on a base model or none."""
         self.judge = judge
         self.prepared = judge.prepared
         self.blocks = Blocks.of(judge.prepared, judge.settings.fit)
-        self._under = None if base is None else fitted_base(learned_on, base)
-        self._own, self._base, self._known = own, base, learned_on.identities
+        self._under, self._known = learned_by.base(base), learned_by.recordings.identities
+        self._own, self._base = own, base
 
     def score(self, effects: Sequence[Active]) -> JudgedModel:
         """Fit effects to the first recording, and judge them on this one."""
@@ -329,7 +322,7 @@ def _tested(
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
     whole = Catalogue([*judge.catalogue.values(), *effects.values()])
     on_test = Judge(test, whole, judge.settings)
-    other = OtherRecording(on_test, own, judge.recordings, model.base)
+    other = OtherRecording(on_test, judge, own, model.base)
     actives = [*model.structure.actives, *(one.active for one in discovery.named)]
     before = other.score(actives)
     out: list[Transfer | None] = []
