@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active, Structure
@@ -45,67 +46,49 @@ class Transfer:
     residuals: tuple[Floats, Floats]  # W [N, d], without and with it
 
 
-class OtherRecording:
-    """Another recording of the robot, on which models fitted to the first are judged."""
+def transfer_to(
+    judge: Judge, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
+) -> Transfer:
+    """Judge whether an effect lowers the error of the named drives on another recording, too.
 
-    def __init__(self, judge: Judge, learned_by: Judge, own: Material, base: str | None) -> None:
-        """judge: of the other recording; own: what was learned on, on a base model or none."""
-        self.judge = judge
-        self.prepared = judge.prepared
-        self.blocks = Blocks.of(judge.prepared, judge.settings.fit)
-        self._under, self._known = learned_by.base(base), learned_by.recordings.identities
-        self._own, self._base = own, base
+    judge: of that recording; before, after: scores without and with the effect; explains: W rms,
+    in its own recording.
+    """
+    prepared = judge.prepared
+    shared = [name for name in drives if name in prepared.names]
+    columns = [prepared.names.index(name) for name in shared]
+    errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
+    parts = (before.residual[:, columns], after.residual[:, columns])
+    change = (after.estimated - before.estimated)[:, columns]
+    verdict = _verdict(parts, change, explains, Blocks.of(prepared, judge.settings.fit).rows)
+    measured = before.measured[:, columns]
+    return Transfer(tuple(shared), errors[0], errors[1], *verdict, prepared.time, measured, parts)
 
-    def score(self, effects: Sequence[Active]) -> JudgedModel:
-        """Fit effects to the first recording, and judge them on this one."""
-        model, _ = fit_model(
-            'trial',
-            self._own,
-            effects,
-            self.judge.catalogue,
-            base=self._base,
-            fitted_on=self._known,
-        )
-        return self.judge.score(on_base(model, self._under))
 
-    def transfer(
-        self, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
-    ) -> Transfer:
-        """Judge whether an effect lowers the error of the named drives on this recording, too.
+def _verdict(
+    parts: tuple[Floats, Floats], change: Floats, explains: float, rows: NDArray[np.intp]
+) -> tuple[bool | None, str]:
+    """Whether an effect transfers, and why.
 
-        before, after: scores without and with the effect; explains: W rms, in its own recording.
-        """
-        shared = [name for name in drives if name in self.prepared.names]
-        columns = [self.prepared.names.index(name) for name in shared]
-        errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
-        parts = (before.residual[:, columns], after.residual[:, columns])
-        moved = (after.estimated - before.estimated)[:, columns]
-        verdict = self._verdict(parts, moved, explains)
-        measured = before.measured[:, columns]
-        time = self.prepared.time
-        return Transfer(tuple(shared), errors[0], errors[1], *verdict, time, measured, parts)
-
-    def _verdict(
-        self, parts: tuple[Floats, Floats], change: Floats, explains: float
-    ) -> tuple[bool | None, str]:
-        """Whether an effect transfers, and why; change: of the estimate by it, W [N, d]."""
-        if not change.size:
-            return None, 'the other recording has none of its drives'
-        moved = np.nanstd(change)
-        if moved < _LEAST_SHOWN * explains:
-            return None, f'the other recording hardly shows it ({moved:.2f} W)'
-        rows = self.blocks.rows
-        fall = np.square(parts[0]) - np.square(parts[1])
-        by_block = np.nanmean(fall[rows].reshape(len(rows), -1), axis=1)
-        by_block = by_block[np.isfinite(by_block)]
-        drawn = drawn_means(by_block, _BOOTSTRAPS, seed=0)
-        whole = float(np.nanmean(np.square(parts[0])))
-        share = float(by_block.mean()) / max(whole, 1e-12)
-        if float(np.quantile(drawn, 0.025)) > 0.0 and share >= _LEAST_FALL:
-            return True, f'it takes {share:.0%} off the squared error of the other recording'
-        return False, (
-            f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
-        )
+    parts: residuals without and with it, W [N, d]; change: of the estimate by it, W [N, d];
+    explains: as in `transfer_to`; rows: of each block [B, L].
+    """
+    if not change.size:
+        return None, 'the other recording has none of its drives'
+    moved = np.nanstd(change)
+    if moved < _LEAST_SHOWN * explains:
+        return None, f'the other recording hardly shows it ({moved:.2f} W)'
+    fall = np.square(parts[0]) - np.square(parts[1])
+    by_block = np.nanmean(fall[rows].reshape(len(rows), -1), axis=1)
+    by_block = by_block[np.isfinite(by_block)]
+    drawn = drawn_means(by_block, _BOOTSTRAPS, seed=0)
+    whole = float(np.nanmean(np.square(parts[0])))
+    share = float(by_block.mean()) / max(whole, 1e-12)
+    if float(np.quantile(drawn, 0.025)) > 0.0 and share >= _LEAST_FALL:
+        return True, f'it takes {share:.0%} off the squared error of the other recording'
+    return False, (
+        f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
+    )
 
 
 @dataclass(frozen=True)
@@ -321,19 +304,25 @@ def _tested(
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
     whole = Catalogue([*judge.catalogue.values(), *effects.values()])
-    on_test = Judge(test, whole, judge.settings)
-    other = OtherRecording(on_test, judge, own, model.base)
+    on_test, under = Judge(test, whole, judge.settings), judge.base(model.base)
+    fitted_on = judge.recordings.identities
+
+    def score(actives: Sequence[Active]) -> JudgedModel:
+        """Fit effects to the first recording, and judge them on the other one."""
+        fitted, _ = fit_model('trial', own, actives, whole, base=model.base, fitted_on=fitted_on)
+        return on_test.score(on_base(fitted, under))
+
     actives = [*model.structure.actives, *(one.active for one in discovery.named)]
-    before = other.score(actives)
+    before = score(actives)
     out: list[Transfer | None] = []
     for one in discovery.found:
         if one.written is None or one.effect is None:
             out.append(None)
             continue
         actives.append(Active.of(one.effect))
-        after = other.score(actives)
+        after = score(actives)
         names = [own.prepared.names[d] for d in one.drives]
-        out.append(other.transfer(names, before, after, one.explains))
+        out.append(transfer_to(on_test, names, before, after, one.explains))
         before = after
     return out
 
