@@ -44,7 +44,6 @@ def walked(strides=12, rows=24, lost=()):
     metered = np.where(both, 10.0, 4.0)
     parts = np.stack([np.full(both.shape, 3.0), np.where(both, 5.0, 0.0)], axis=2)
     parts[list(lost)] = np.nan
-    count = len(stands)
     return PartsOverTime(
         ('LF_HFE', 'LF_KFE'),
         ('idle', 'copper_loss'),
@@ -52,8 +51,7 @@ def walked(strides=12, rows=24, lost=()):
         metered,
         {},
         {'stance': both},
-        np.zeros(count, np.int32),
-        (slice(0, count),),
+        (slice(0, len(stands)),),
     )
 
 

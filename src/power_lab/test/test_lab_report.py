@@ -28,7 +28,7 @@ def page(tmp_path):
             for name in ('LF_HFE', 'LF_KFE')
         }
     )
-    stairs = figures.staircase(['base', '+ spring'], [1.2, 0.4], {'sensor noise': 0.2})
+    stairs = figures.Stairs(('base', '+ spring'), (1.2, 0.4), noise=0.2).figure()
     made.add(made.figure(stairs, 'staircase'))
     bars = figures.candidates(['spring', 'idle <b>'], [0.8, 0.1], [True, False])
     made.add(made.figure(bars, 'candidates'))

@@ -136,15 +136,11 @@ class ProxyBatch:
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
         """Return the mean power in W [N, D] over S samples [N, S, D]; S ≥ 2 for acceleration."""
         robots, count, drives = torque.shape
-        flat = [x.permute(1, 0, 2).reshape(count, -1).numpy() for x in (torque, speed)]
-        signal = self._signal(_dataset(*flat)).reshape(count, robots, drives)
+        load, rate = (x.permute(1, 0, 2).reshape(count, -1).numpy() for x in (torque, speed))
+        names, time = ('',) * load.shape[1], np.arange(count) / RATE
+        data = AlignedDataset.blank(RATE, names, time, 'batch', torque=load, velocity=rate)
+        signal = self._signal(data).reshape(count, robots, drives)
         return torch.from_numpy((signal.mean(axis=0) * self._factors).astype(np.float32))
-
-
-def _dataset(torque: Singles, speed: Singles) -> AlignedDataset:
-    names = ('',) * torque.shape[1]
-    time = np.arange(len(torque)) / RATE
-    return AlignedDataset.blank(RATE, names, time, 'batch', velocity=speed, torque=torque)
 
 
 Array = Singles | Tensor

@@ -3,24 +3,26 @@
 import argparse
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from power_recordings.reading.bag_folder import check_recordings
 from rich.console import Console
 from wattwalk_core.console import output, print_table
 from wattwalk_core.engine.options import Workplace
 
-from power_estimator import recordings
 from power_estimator.evaluation.benchmark import table
 from power_estimator.evaluation.cost import policy_step_cost
 from power_estimator.judge.recordings import load
+from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.recordings import training_set
 from power_estimator.training.distillation import (
     STUDENT,
     TEACHER,
-    Distillation,
     DistillationResult,
+    compared,
     in_order_of,
+    validation_of,
 )
 from power_estimator.training.progress_bars import TrainingBars
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
@@ -31,12 +33,11 @@ def run(options: argparse.Namespace) -> None:
     place = Workplace.of(options)
     check_recordings(options.bags)
     progress = Console(stderr=True)
-    teacher = PowerPredictionNetwork.load(options.teacher)
+    teacher = PowerPredictionNetwork(Checkpoint.load(options.teacher), TEACHER)
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     with progress.status('reading and aligning'):
-        given = recordings.training_set(in_order_of(teacher, options.bags), options.drives)
-        distillation = Distillation(teacher, given, hidden=options.hidden, training=training)
-    validation = distillation.validation
+        given = training_set(in_order_of(teacher, options.bags), options.drives)
+        validation = validation_of(teacher, given, hidden=options.hidden, training=training)
     folder = NetworkRunFolder(options.output)
     about = {
         'teacher': str(options.teacher),
@@ -52,14 +53,16 @@ def run(options: argparse.Namespace) -> None:
             folder, lambda job, trainer: bars.show(job.name, trainer), workers
         )
     with progress.status('testing on held-out data'):
-        checkpoint = distillation.checkpoint(trainers, str(options.teacher))
-        folder.save_model(0, checkpoint)
-        found = distillation.test(checkpoint, load(given.paths, options.drives, anyway=True))
-        student = PowerPredictionNetwork(checkpoint, STUDENT)
+        checkpoint = validation.checkpoint(0, trainers)
+        about = {**checkpoint.training, 'teacher': str(options.teacher)}
+        student = PowerPredictionNetwork(replace(checkpoint, training=about), STUDENT)
+        folder.save_model(0, student.checkpoint)
+        recordings = load(given.paths, options.drives, anyway=True)
+        found = compared(teacher, student, given, recordings)
         drives = [n for n in given.data.names if any(t.matches(n) for t in validation.types)]
         cost = {
             model.name: {str(n): policy_step_cost(model, drives, n) for n in options.robots}
-            for model in (PowerPredictionNetwork(teacher.checkpoint, TEACHER), student)
+            for model in (teacher, student)
         }
         folder.save_json(
             TABLE,

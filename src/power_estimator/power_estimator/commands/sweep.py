@@ -11,9 +11,9 @@ from wattwalk_core.console import output, print_table
 from wattwalk_core.engine.options import Workplace
 
 from power_estimator import recordings
-from power_estimator.commands.options import engine_of
 from power_estimator.drive_types import infer_types, parse_types
 from power_estimator.judge.recordings import load
+from power_estimator.training.on_workers import engine_of
 from power_estimator.training.progress_bars import TrainingBars
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.sweep import CHOSEN, Result, Sweep, points

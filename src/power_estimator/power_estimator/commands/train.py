@@ -11,7 +11,6 @@ from rich.console import Console
 from wattwalk_core.engine.options import Workplace
 
 from power_estimator import recordings
-from power_estimator.commands.options import engine_of
 from power_estimator.drive_types import infer_types, parse_types
 from power_estimator.evaluation import figure
 from power_estimator.evaluation.benchmark import print_scores, table
@@ -19,7 +18,7 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import NetworkConfig
 from power_estimator.training.cross_validation import CrossValidation, Job
-from power_estimator.training.on_workers import train_on_workers
+from power_estimator.training.on_workers import engine_of, train_on_workers
 from power_estimator.training.progress_bars import TrainingBars
 from power_estimator.training.protocol import Protocol
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
@@ -39,14 +38,9 @@ def run(options: argparse.Namespace) -> None:
     progress = Console(stderr=True)
     with progress.status('reading and aligning'):
         given = recordings.training_set(options.bags, options.drives)
-        validation = CrossValidation(
-            given.data,
-            parse_types(options.type) if options.type else infer_types(given.data.names),
-            network=config,
-            training=training,
-            protocol=protocol,
-            others=[given.live],
-            recordings=given.recordings,
+        types = parse_types(options.type) if options.type else infer_types(given.data.names)
+        validation = CrossValidation.of(
+            given, types, network=config, training=training, protocol=protocol
         )
     for note in validation.data.notes:
         progress.print(note, highlight=False)

@@ -34,10 +34,11 @@ def table(folds: Sequence[Sequence[JudgedModel]]) -> dict[str, Any]:
     It is {`models`: [{`name`, `held_out`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`,
     `total`, `supply`}]}. `r2_std` is the spread between folds, of one fold that over stretches.
     """
-    common = [name for name in (m.name for m in folds[0]) if all(_named(f, name) for f in folds)]
     models = []
-    for name in common:
-        of = [judged for fold in folds for judged in _named(fold, name)]
+    for name in (judged.name for judged in folds[0]):
+        of = [judged for fold in folds for judged in fold if judged.name == name]
+        if len(of) < len(folds):
+            continue
         models.append(
             {
                 'name': name,
@@ -49,10 +50,6 @@ def table(folds: Sequence[Sequence[JudgedModel]]) -> dict[str, Any]:
             }
         )
     return {'models': models}
-
-
-def _named(fold: Sequence[JudgedModel], name: str) -> list[JudgedModel]:
-    return [judged for judged in fold if judged.name == name]
 
 
 def _each(folds: Sequence[Mapping[str, Score]]) -> dict[str, Any]:
@@ -181,7 +178,9 @@ def run(
     """
     if len(set(specs)) < len(specs):
         raise InputError(f'--models names a model twice: {", ".join(specs)}')
-    models = [_open(spec, bags) for spec in specs]
+    models: list[PowerModel] = [
+        RecordedEstimate(bags) if spec == RECORDED else load_model(spec) for spec in specs
+    ]
     judge = Judge(load(bags, drives, slow=slow, anyway=anyway))
     networks = [model for model in models if isinstance(model, PowerPredictionNetwork)]
     types = networks[0].types if networks else infer_types(judge.prepared.names)
@@ -196,7 +195,3 @@ def run(
         judge.prepared.extent_of(int(rows.sum())),
         tuple(dict.fromkeys(one.held_out for one in judged)),
     )
-
-
-def _open(spec: str, bags: Sequence[Path]) -> PowerModel:
-    return RecordedEstimate(bags) if spec == RECORDED else load_model(spec)

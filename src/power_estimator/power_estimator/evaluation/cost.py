@@ -1,6 +1,6 @@
 """Computing cost of networks: µs on this machine, the best of several tries."""
 
-import time
+import timeit
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -16,12 +16,7 @@ _SCALING = Scaling((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, 1.0)
 
 def best_of(body: Callable[[], object], tries: int) -> float:
     """Return the shortest time in s of `tries` calls: the cost on an idle machine."""
-    shortest = float('inf')
-    for _ in range(tries):
-        started = time.perf_counter()
-        body()
-        shortest = min(shortest, time.perf_counter() - started)
-    return shortest
+    return min(timeit.repeat(body, number=1, repeat=tries))
 
 
 def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIVES) -> float:
@@ -31,7 +26,7 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
     that each estimate at 50 Hz takes.
     """
     rng = np.random.default_rng(0)
-    shapes = ((4 * hidden, 3), (4 * hidden, hidden), (4 * hidden,), (hidden,), (1,))
+    shapes = Weights.shapes(hidden).values()
     weights = Weights(*(rng.normal(0, 0.1, shape).astype(np.float32) for shape in shapes))
     bank = LstmBank({'a': (weights, _SCALING)}, {'a': range(drives)}, drives)
     if history is None:

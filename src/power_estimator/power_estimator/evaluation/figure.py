@@ -26,7 +26,7 @@ def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
     """Draw proxies, network and, where it was measured, the whole robot into a picture at path."""
     with style(dark) as ink:
         blue = BLUE[dark]
-        whole = traces.supply is not None and traces.robot is not None
+        whole = traces.supply is not None
         figure = Figure(figsize=(9, 8 if whole else 5.6), layout='constrained')
         axes = figure.subplots(3 if whole else 2, 1, sharex=True)
         time = traces.time - traces.time[0]
@@ -40,7 +40,7 @@ def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
         middle.plot(time, traces.measured, color=ink, lw=1.8, label='measured')
         middle.plot(time, traces.estimated, color=blue, lw=1.8, ls=(0, (4, 1)), label='PPN')
         _panel(middle, f'{traces.drive}: Power Prediction Network, R² = {traces.r2:.3f}')
-        if traces.supply is not None and traces.robot is not None:
+        if whole:
             bottom = axes[2]
             bottom.plot(time, traces.supply, color=ink, lw=1.8, label='measured at the supply')
             label = f'sum of {traces.drives} PPN + {traces.electronics:.0f} W electronics'

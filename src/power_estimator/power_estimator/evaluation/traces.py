@@ -65,18 +65,12 @@ def traces(judge: Judge, judged: Sequence[JudgedModel]) -> Traces:
 
 
 def _stretch(gap_free: Sequence[slice], power: Floats) -> slice:
-    runs = [
-        slice(within.start + start, within.start + stop)
-        for within in gap_free
-        for start, stop in known_runs(power[within])
-    ]
+    runs = []
+    for within in gap_free:
+        known = np.r_[False, np.isfinite(power[within]), False]
+        edges = within.start + np.flatnonzero(np.diff(known))
+        runs += [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
     longest = max(run.stop - run.start for run in runs)
     long = [run for run in runs if run.stop - run.start >= 0.9 * longest]
     best = max(long, key=lambda run: float(np.std(power[run])))
     return slice(best.start, min(best.stop, best.start + round(LONGEST * REDUCED_RATE)))
-
-
-def known_runs(values: Floats) -> list[tuple[int, int]]:
-    """Return (begin, end) of each run of values [N] that are not NaN."""
-    edges = np.flatnonzero(np.diff(np.r_[False, np.isfinite(values), False].astype(np.int8)))
-    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

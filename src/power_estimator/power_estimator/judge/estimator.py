@@ -1,6 +1,6 @@
 """Estimates of power models where they were not fitted."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -81,9 +81,6 @@ class JudgeSettings:
 CROSS_VALIDATED = 'cross-validated'
 ELSEWHERE = 'other recordings'
 _TEST_PART, _OF_BASE = 'its test part', 'test part of its base'
-
-
-_Way = Callable[['HeldOutEstimator', EffectModel], HeldOut]
 
 
 class HeldOutEstimator:
@@ -239,32 +236,25 @@ class HeldOutEstimator:
         return scaled
 
     def _effects(self, model: EffectModel) -> HeldOut:
+        """Recordings that it was fitted on in groups, and the others, each part by itself."""
         known = knows(model, self.recordings)
         if known.all() and len(known) <= self.settings.together:
             return self._refitted(model)
         if not known.any():
             return self._as_it_is(model)
-        count = -(-int(known.sum()) // self.settings.together)
-        groups = np.array_split(np.flatnonzero(known), count)
-        parts: list[tuple[NDArray[np.intp], _Way]] = [
-            (own, HeldOutEstimator._refitted) for own in groups
-        ]
+        parts = np.array_split(
+            np.flatnonzero(known), -(-int(known.sum()) // self.settings.together)
+        )
         if not known.all():
-            parts.append((np.flatnonzero(~known), HeldOutEstimator._as_it_is))
-        return self._joined(model, parts)
-
-    def _joined(
-        self, model: EffectModel, parts: Sequence[tuple[NDArray[np.intp], _Way]]
-    ) -> HeldOut:
-        """Parts of the recordings, each judged by itself in its own way."""
+            parts.append(np.flatnonzero(~known))
         prepared = self.prepared
         measured = prepared.power_at(0.0)
         residual = np.full(measured.shape, np.nan)
         delays, how = [0.0] * len(prepared.recordings), [''] * len(prepared.recordings)
-        for places, judged in parts:
+        for places in parts:
             own = self.recordings.only(places.tolist())
             part = HeldOutEstimator(own, self.catalogue, self.settings)
-            found = judged(part, model)
+            found = part._refitted(model) if known[places[0]] else part._as_it_is(model)
             columns = np.array([prepared.names.index(name) for name in part.prepared.names])
             for index, place in enumerate(places.tolist()):
                 there = part.prepared.recording == index

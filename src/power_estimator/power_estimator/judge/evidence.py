@@ -8,7 +8,7 @@ from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.blocks import modelled
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.fitter import Fit, Fitter, Normal
+from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import Folds
 
 
@@ -56,14 +56,10 @@ class Examiner:
         coefficients = self.fitter.solve(
             linear.design, linear.normal, fit.weights, self.folds.training, fit.coefficients
         )
-        mse = self.block_mse(linear.normal, coefficients)
-        return Evidence(fit, coefficients, mse, tuple(names))
-
-    def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:
-        """Return the MSE of each block, W² [B, D], by its fold's coefficients [F, D, m]."""
         blocks = self.fitter.blocks
-        error = normal.errors(coefficients[self.folds.test]) / blocks.counts
-        return np.where(blocks.valid, error, np.nan)
+        mse = linear.normal.errors(coefficients[self.folds.test]) / blocks.counts
+        mse = np.where(blocks.valid, mse, np.nan)
+        return Evidence(fit, coefficients, mse, tuple(names))
 
     def residual(self, evidence: Evidence, *, all_rows: bool = False) -> Floats:
         """Return the held-out residual, measured − model, W [N, D]; NaN outside the blocks.

@@ -12,8 +12,6 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.effects import Catalogue, builtin_catalogue
-from power_estimator.effects.fit.blocks import Blocks
-from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
@@ -34,72 +32,65 @@ from power_estimator.proxies import Proxy
 from power_estimator.scores import Score, coverage, score
 
 
-class SupplyJudge:
-    """Scores the sum over all drives of a robot plus its electronics against its supply."""
+def supply_score(
+    estimator: HeldOutEstimator, model: PowerModel, residual: Floats
+) -> SupplyScore | None:
+    """Score the sum over all drives of a robot plus its electronics against its supply.
 
-    def __init__(
-        self, loaded: Loaded, prepared: Prepared, blocks: Blocks, folds: Folds, longest: float
-    ) -> None:
-        """longest: s by which the supply may be read late."""
-        self._loaded, self._prepared = loaded, prepared
-        self._folds = [
-            (blocks.rows[folds.test == fold].ravel(), blocks.rows[training > 0].ravel())
-            for fold, training in enumerate(folds.training)
-        ]
-        self._lags = round(longest * loaded.data.rate) + 1
+    None where the supply or the power of a drive is not known. residual: W [N, D] of the metered
+    drives; other drives are estimated as they are. The power of the electronics is the mean of
+    what is left on the other folds: beside the measured drives where all were, else beside the
+    estimated ones. The lag of the supply's readings, which may be means of the time before their
+    stamps, is that with which this varies least.
+    """
+    loaded, prepared, blocks = estimator.recordings, estimator.prepared, estimator.blocks
+    data, folds = loaded.data, estimator.folds(blocks)
+    known = np.isfinite(data.supply).any() and len(data.time) == len(prepared.signals.time)
+    others = _others(model, loaded, prepared) if known and not prepared.whole else None
+    if others is None:
+        return None
+    measured = prepared.power_at(0.0)
+    estimated = (measured - residual).sum(axis=1) + others[0]
+    drawn = estimated if others[1] else measured.sum(axis=1)
+    lags = range(round(estimator.settings.longest_lag * data.rate) + 1)
+    supplies = [prepared.reducer.reduce(shifted(data, lag)) for lag in lags]
+    lag = int(np.argmin([_spread(supply - drawn) for supply in supplies]))
+    electronics = np.full(len(drawn), np.nan)
+    for fold, training in enumerate(folds.training):
+        left = (supplies[lag] - drawn)[blocks.rows[training > 0].ravel()]
+        if np.isfinite(left).any():
+            electronics[blocks.rows[folds.test == fold].ravel()] = np.nanmean(left)
+    estimated = estimated + electronics
+    if not np.isfinite(supplies[lag] - estimated).any():
+        return None
+    return SupplyScore(
+        score(supplies[lag], estimated, REDUCED_RATE),
+        supplies[lag],
+        estimated,
+        float(np.nanmean(electronics)),
+        len(data.names) + others[1],
+        lag / data.rate,
+    )
 
-    def score(self, model: PowerModel, residual: Floats) -> SupplyScore | None:
-        """Score a model; None where the supply or the power of a drive is not known.
 
-        residual: W [N, D] of the metered drives; other drives are estimated as they are. The power
-        of the electronics is the mean of what is left on the other folds: beside the measured
-        drives where all were, else beside the estimated ones. The lag of the supply's readings,
-        which may be means of the time before their stamps, is that with which this varies least.
-        """
-        prepared, data = self._prepared, self._loaded.data
-        known = np.isfinite(data.supply).any() and len(data.time) == len(prepared.signals.time)
-        others = self._others(model) if known and not prepared.whole else None
-        if others is None:
-            return None
-        measured = prepared.power_at(0.0)
-        estimated = (measured - residual).sum(axis=1) + others[0]
-        drawn = estimated if others[1] else measured.sum(axis=1)
-        supplies = [prepared.reducer.reduce(shifted(data, lag)) for lag in range(self._lags)]
-        spreads = [_spread(supply - drawn) for supply in supplies]
-        lag = int(np.argmin(spreads))
-        electronics = np.full(len(drawn), np.nan)
-        for tested, trained in self._folds:
-            left = (supplies[lag] - drawn)[trained]
-            if np.isfinite(left).any():
-                electronics[tested] = np.nanmean(left)
-        estimated = estimated + electronics
-        if not np.isfinite(supplies[lag] - estimated).any():
-            return None
-        return SupplyScore(
-            score(supplies[lag], estimated, REDUCED_RATE),
-            supplies[lag],
-            estimated,
-            float(np.nanmean(electronics)),
-            len(data.names) + others[1],
-            lag / data.rate,
-        )
-
-    def _others(self, model: PowerModel) -> tuple[Floats | float, int] | None:
-        """Power of the drives without a meter, W [N], and their number."""
-        others = self._loaded.unmetered
-        if others is None:
-            return 0.0, 0
-        if isinstance(model, EffectModel) and not model.fitted:
-            return None
-        if isinstance(model, Proxy):
-            model = model.fit(self._loaded.smooth)
-        if len(others.data.time) != len(self._loaded.data.time):
-            return None
-        try:
-            power = np.asarray(power_on(others, model), np.float64)
-        except InputError:  # a model of other drives
-            return None
-        return self._prepared.reduced(power).sum(axis=1), len(others.data.names)
+def _others(
+    model: PowerModel, loaded: Loaded, prepared: Prepared
+) -> tuple[Floats | float, int] | None:
+    """Power of the drives without a meter, W [N], and their number."""
+    others = loaded.unmetered
+    if others is None:
+        return 0.0, 0
+    if isinstance(model, EffectModel) and not model.fitted:
+        return None
+    if isinstance(model, Proxy):
+        model = model.fit(loaded.smooth)
+    if len(others.data.time) != len(loaded.data.time):
+        return None
+    try:
+        power = np.asarray(power_on(others, model), np.float64)
+    except InputError:  # a model of other drives
+        return None
+    return prepared.reduced(power).sum(axis=1), len(others.data.names)
 
 
 def shifted(data: AlignedDataset, samples: int) -> Singles:
@@ -221,12 +212,6 @@ class Judge:
             counts[part][: round(self.settings.settling * REDUCED_RATE)] = False
         return counts
 
-    @cached_property
-    def _supply(self) -> SupplyJudge:
-        blocks = self._estimator.blocks
-        folds, longest = self._estimator.folds(blocks), self.settings.longest_lag
-        return SupplyJudge(self.recordings, self.prepared, blocks, folds, longest)
-
     def _judged(
         self,
         model: PowerModel,
@@ -265,7 +250,7 @@ class Judge:
             drives={names[column]: scored([column]) for column in range(len(names))},
             types={kind: scored(own) for kind, own in kinds.items() if own},
             total=self._spread(*(v[:, there].sum(axis=1) for v in (measured, estimated))),
-            supply=self._supply.score(model, residual) if supply else None,
+            supply=supply_score(self._estimator, model, residual) if supply else None,
         )
 
     def _spread(self, measured: Floats, estimated: Floats) -> Score:

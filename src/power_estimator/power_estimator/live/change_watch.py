@@ -1,5 +1,6 @@
 """Watch for drives that draw other than the reference, while the robot runs."""
 
+import json
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -178,12 +179,8 @@ class WatchReference:
 
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""
-        drives = {
-            name: {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(own).items()}
-            for name, own in self.drives.items()
-        }
-        content = {'format': self.format, 'model': self.model, 'block': self.block}
-        write_whole(path, dump_yaml({**content, 'drives': drives}))
+        plain = json.loads(json.dumps(asdict(self)))  # lists for tuples
+        write_whole(path, dump_yaml(plain))
 
 
 LIKE: Final[Mapping[str, int]] = {
@@ -255,7 +252,7 @@ class ChangeWatch:
         self._learned: list[Floats] = []  # [D, 6]
         self._follows: list[bool] = []  # whether the block before is that before in time
         self._unbroken = False
-        self._recent: deque[tuple[int, Floats]] = deque(maxlen=_SECONDS_KEPT)
+        self._recent: deque[Floats] = deque(maxlen=_SECONDS_KEPT)  # [D, 6] each
         self._index: int | None = None
         self._detector: ShiftDetector | None = None
         if reference is not None and all(name in reference for name in drives):
@@ -301,11 +298,14 @@ class ChangeWatch:
         |ω|, ω², τ² and estimated power. NaN for drives without a value.
         """
         if self._index is not None and index != self._index + 1:
-            self._pause()
+            self._seconds.clear()
+            self._unbroken = False
+            if self._detector is not None:
+                self._detector.pause()
         self._index = index
         row = np.concatenate([difference[:, None], regressors], axis=1)
         self._seconds.append(row)
-        self._recent.append((index, row))
+        self._recent.append(row)
         if len(self._seconds) < self.config.block:
             return None
         seconds, self._seconds = np.stack(self._seconds), []
@@ -335,12 +335,6 @@ class ChangeWatch:
         self.alarms.append(shift)
         return shift
 
-    def _pause(self) -> None:
-        self._seconds.clear()
-        self._unbroken = False
-        if self._detector is not None:
-            self._detector.pause()
-
     def _learn(self, block: Floats) -> None:
         whole = bool(np.isfinite(block).all())
         if whole:
@@ -349,15 +343,11 @@ class ChangeWatch:
         self._unbroken = whole
         if len(self._learned) < self._needed:
             return
-        blocks = np.stack(self._learned)
+        blocks = np.stack(self._learned).swapaxes(0, 1)  # [D, n, 6]
         follows = np.array(self._follows)
-        noise = [
-            ReferenceNoise.of(blocks[:, d, 0], blocks[:, d, 2:], follows)
-            for d in range(len(self.drives))
-        ]
         self._learned.clear()
         self._follows.clear()
-        self._begin(tuple(noise))
+        self._begin(tuple(ReferenceNoise.of(own[:, 0], own[:, 2:], follows) for own in blocks))
 
     def _begin(self, noise: tuple[ReferenceNoise, ...]) -> None:
         self._detector = ShiftDetector(noise, self.config.blocks_between_alarms)
@@ -366,7 +356,7 @@ class ChangeWatch:
         """Size and likely causes by the seconds since the shift began."""
         assert self._detector is not None
         noise = self._detector.noise[drive]
-        rows = np.array([row[drive] for _, row in list(self._recent)[-seconds:]])
+        rows = np.array([row[drive] for row in list(self._recent)[-seconds:]])
         rows = rows[np.isfinite(rows).all(axis=1)]
         more = np.array([noise.left(float(row[0]), row[2:]) for row in rows])
         errors = {}

@@ -221,7 +221,7 @@ class LiveSession:
             return None
         if self._seconds is not None and np.isfinite(found).all():
             self._seconds.moved(state.stamp, found[1], found[2])
-        estimate = self._live.joint_state(state.stamp, found[0], found[1], found[2])
+        estimate = self._live.joint_state(state.stamp, *found)
         if estimate is None:
             return None
         self._estimated = arrival
@@ -236,7 +236,7 @@ class LiveSession:
         self._hear('drive_supply', arrival)
         found = self._columns.of(supply) if self._live is not None else None
         if found is not None and self._live is not None:
-            self._live.supply(found[0], found[1])
+            self._live.supply(*found)
 
     def supply(self, measured: Vector) -> None:
         """Take the measured power of drives [samples, names] in W, to be compared with.

@@ -49,6 +49,18 @@ class Weights:
         """Number of hidden units H."""
         return int(self.output.shape[0])
 
+    def in_si_units(self, scaling: Scaling) -> dict[str, Floats]:
+        """Return the arrays with the scaling folded in, by name: SI units in, watts out."""
+        scaled = self.input.astype(float) / np.array(scaling.scale)
+        return {
+            'input': scaled,
+            'recurrent': self.recurrent.astype(float),
+            'bias': self.bias - scaled @ np.array(scaling.mean),
+            'output': self.output.astype(float) * scaling.power_scale,
+            'output_bias': self.output_bias.astype(float) * scaling.power_scale
+            + scaling.power_mean,
+        }
+
 
 class LstmBank:
     """Networks of one size, each for drives of its type, with carried state.
@@ -86,12 +98,9 @@ class LstmBank:
 
     def reset(self, drives: Bools | None = None) -> None:
         """Forget the past of the drives marked in [D], or of all."""
-        if drives is None:
-            self._h[:] = 0
-            self._c[:] = 0
-        else:
-            self._h[drives[self._slot]] = 0
-            self._c[drives[self._slot]] = 0
+        rows = slice(None) if drives is None else drives[self._slot]
+        self._h[rows] = 0
+        self._c[rows] = 0
 
     def step(self, features: Singles) -> Singles:
         """Advance all drives by one sample: [D, 3] in rad, N·m, rad/s → W [D]."""
@@ -144,12 +153,11 @@ def _fold(weights: Weights, scaling: Scaling) -> tuple[Floats, ...]:
     n = weights.hidden
     order = np.r_[0 : 2 * n, 3 * n : 4 * n, 2 * n : 3 * n]
     halves = np.r_[np.full(3 * n, 0.5), np.ones(n)]
-    scaled = weights.input.astype(float) / np.array(scaling.scale)
-    bias = weights.bias - scaled @ np.array(scaling.mean)
+    own = weights.in_si_units(scaling)
     return (
-        (scaled[order] * halves[:, None]).T,
-        (weights.recurrent[order] * halves[:, None]).T,
-        (bias[order] * halves)[None],
-        weights.output[:, None].astype(float) * scaling.power_scale,
-        weights.output_bias.astype(float) * scaling.power_scale + scaling.power_mean,
+        (own['input'][order] * halves[:, None]).T,
+        (own['recurrent'][order] * halves[:, None]).T,
+        (own['bias'][order] * halves)[None],
+        own['output'][:, None],
+        own['output_bias'],
     )

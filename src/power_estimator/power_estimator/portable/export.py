@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 import torch
 from safetensors.torch import save
 from wattwalk_core.errors import InputError
@@ -57,16 +56,7 @@ def export(
 
 def in_si_units(network: Network) -> dict[str, torch.Tensor]:
     """Return the weights with the scaling folded in, by name: SI units in, watts out."""
-    weights, scaling = network.weights, network.scaling
-    scaled = weights.input.astype(float) / np.array(scaling.scale)
-    watts = weights.output_bias.astype(float) * scaling.power_scale + scaling.power_mean
-    found = {
-        'input': scaled,
-        'recurrent': weights.recurrent,
-        'bias': weights.bias - scaled @ np.array(scaling.mean),
-        'output': weights.output.astype(float) * scaling.power_scale,
-        'output_bias': watts,
-    }
+    found = network.weights.in_si_units(network.scaling)
     return {name: torch.tensor(values, dtype=torch.float32) for name, values in found.items()}
 
 

@@ -2,11 +2,12 @@
 
 import threading
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import version
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -32,7 +33,7 @@ from power_estimator.network.features import features
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES
-from power_estimator.recordings import check_complete
+from power_estimator.recordings import TrainingSet, check_complete
 from power_estimator.scores import block_means
 from power_estimator.training.protocol import Part, Protocol, rows_of, runs
 from power_estimator.training.run_folder import NetworkRunFolder
@@ -102,6 +103,11 @@ class CrossValidation:
         self._segments = {t.name: self._usable(t) for t in self.types}
         self.jobs = tuple(Job(t, fold) for fold in range(protocol.folds) for t in self.types)
 
+    @classmethod
+    def of(cls, given: TrainingSet, types: Sequence[DriveType], **how: Any) -> Self:
+        """Mix the live features of a training set in; how: as for the constructor."""
+        return cls(given.data, types, others=[given.live], recordings=given.recordings, **how)
+
     def labels(self, job: Job) -> NDArray[np.int8]:
         """Return the `Part` (train, validation, test, unused) of each sample [T] for a job."""
         return self.protocol.labels(self._segments[job.type.name], job.fold)
@@ -124,7 +130,8 @@ class CrossValidation:
                 config=replace(self.training, seed=int(seed.generate_state(1)[0]) >> 1),
             )
         except InputError as error:
-            raise InputError(f'{self._where(job.type.name)}: {job.type.name}: {error}') from None
+            where = self._where(self._segments[job.type.name] >= 0)
+            raise InputError(f'{where}: {job.type.name}: {error}') from None
 
     def restored(self, job: Job, state: Mapping[str, NDArray[np.floating]]) -> Trainer:
         """Return a job's trainer in a state of `Trainer.state`; InputError if it does not fit."""
@@ -180,7 +187,7 @@ class CrossValidation:
         with ThreadPoolExecutor(workers) as pool:
             futures = {pool.submit(work, job): job for job in self.jobs}
             try:
-                for future in _completed(futures):
+                for future in as_completed(futures):
                     future.result()
             finally:
                 stop.set()
@@ -252,27 +259,20 @@ class CrossValidation:
         for x, _ in self._stretches(job, labels, Part.TRAIN, block):
             count = x.shape[1] // block
             found.append(x[:, : count * block].reshape(-1, block, x.shape[2]))
-        return (
-            OutOfDistributionScore.fit(np.concatenate(found), self.training.mirror)
-            if found
-            else None
-        )
+        if not found:
+            return None
+        return OutOfDistributionScore.fit(np.concatenate(found), self.training.mirror)
 
-    def _where(self, kind: str) -> str:
-        rows = self._segments[kind] >= 0
+    def _where(self, rows: Bools) -> str:
+        """Names of the recordings of some rows [T]."""
         return ', '.join(self.data.recordings[i] for i in np.unique(self.data.recording[rows]))
 
     def _usable(self, kind: DriveType) -> NDArray[np.int32]:
         used = np.asarray(self._measured[:, self._columns[kind.name]].any(axis=1), np.bool_)
         if np.count_nonzero(used) < self.protocol.minimum():
             need = self.protocol.minimum() / self.data.rate
-            where = [
-                n
-                for i, n in enumerate(self.data.recordings)
-                if used[self.data.recording == i].any()
-            ]
             raise InputError(
-                f'{", ".join(where)}: {kind.name} was measured for '
+                f'{self._where(used)}: {kind.name} was measured for '
                 f'{np.count_nonzero(used) / self.data.rate:.1f} s; training needs {need:.0f} s'
             )
         return np.where(used, self.data.segment, -1)
@@ -303,11 +303,3 @@ class CrossValidation:
             for s in stretches
             if self.data.recording[s.start] == recording
         )
-
-
-def _completed(futures: Mapping[Future[Trainer], Job]) -> Iterator[Future[Trainer]]:
-    """Yield futures as they end; short waits let Ctrl-C through."""
-    pending = set(futures)
-    while pending:
-        done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-        yield from done

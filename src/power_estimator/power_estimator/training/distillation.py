@@ -10,13 +10,11 @@ from power_estimator.drive_types import assign
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
-from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet, describe
 from power_estimator.scores import r2
-from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.cross_validation import CrossValidation
 from power_estimator.training.protocol import Protocol
-from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
 
 TEACHER, STUDENT = 'teacher', 'student'
@@ -31,61 +29,51 @@ class DistillationResult:
     imitation: Mapping[str, float]  # R² of the student against the teacher, by drive type
 
 
-class Distillation:
-    """Training of a student on the teacher's outputs for the recordings' signals.
+def validation_of(
+    teacher: PowerPredictionNetwork, given: TrainingSet, *, hidden: int, training: TrainerConfig
+) -> CrossValidation:
+    """Return the training of a student on the teacher's outputs for the recordings' signals.
 
     The recordings are split as for the teacher, so that its test part is new to the student too.
-    Both are evaluated there against the measured power.
+    hidden: units of the student. InputError for recordings that are too short or drives unknown
+    to the teacher.
     """
+    config, about = teacher.checkpoint.config, teacher.checkpoint.training
+    if hidden >= config.hidden:
+        raise InputError(f'hidden = {hidden} is not below the {config.hidden} of the teacher')
+    if about.get('fold', 0) != 0:
+        raise InputError('the teacher is not of fold 0; give the run folder it belongs to')
+    return CrossValidation.of(
+        given,
+        teacher.types,
+        network=replace(config, hidden=hidden),
+        training=training,
+        protocol=Protocol(about.get('segments', 6), 1, config.history),
+        targets=teacher.predict(given.data),
+    )
 
-    def __init__(
-        self,
-        teacher: PowerPredictionNetwork,
-        given: TrainingSet,
-        *,
-        hidden: int,
-        training: TrainerConfig,
-    ) -> None:
-        """Raise InputError for recordings that are too short or drives unknown to the teacher."""
-        config = teacher.checkpoint.config
-        if hidden >= config.hidden:
-            raise InputError(f'hidden = {hidden} is not below the {config.hidden} of the teacher')
-        about = teacher.checkpoint.training
-        if about.get('fold', 0) != 0:
-            raise InputError('the teacher is not of fold 0; give the run folder it belongs to')
-        self.teacher, self._given = teacher, given
-        self.validation = CrossValidation(
-            given.data,
-            teacher.types,
-            network=replace(config, hidden=hidden),
-            training=training,
-            protocol=Protocol(about.get('segments', 6), 1, config.history),
-            others=[given.live],
-            recordings=given.recordings,
-            targets=teacher.predict(given.data),
-        )
 
-    def checkpoint(self, trainers: Mapping[Job, Trainer], spec: str) -> Checkpoint:
-        """Return the trained student; spec: its teacher, for the card."""
-        found = self.validation.checkpoint(0, trainers)
-        return replace(found, training={**found.training, 'teacher': spec})
+def compared(
+    teacher: PowerPredictionNetwork,
+    student: PowerPredictionNetwork,
+    given: TrainingSet,
+    recordings: Loaded,
+) -> DistillationResult:
+    """Judge both against measured power where neither was trained, by smoothed and live features.
 
-    def test(self, checkpoint: Checkpoint, recordings: Loaded) -> DistillationResult:
-        """Judge student and teacher where neither was trained, with smoothed and live features."""
-        student = PowerPredictionNetwork(checkpoint, STUDENT)
-        teacher = PowerPredictionNetwork(self.teacher.checkpoint, TEACHER)
-        types = self.validation.types
-        live = self._given.as_live().drives(recordings.data.names)
-        smoothed, as_live = (
-            Judge(given).compare([teacher, student], types=types)
-            for given in (recordings, replace(recordings, smoothed=live))
-        )
-        columns = assign(recordings.data.names, types)
-        imitation = {
-            kind: r2(*(judged.estimated[:, columns[kind]] for judged in smoothed))
-            for kind in smoothed[0].types
-        }
-        return DistillationResult(smoothed, as_live, imitation)
+    given: what the student was trained on; recordings: the same, to be judged on.
+    """
+    live = given.as_live().drives(recordings.data.names)
+    smoothed, as_live = (
+        Judge(own).compare([teacher, student], types=student.types)
+        for own in (recordings, replace(recordings, smoothed=live))
+    )
+    columns = assign(recordings.data.names, student.types)
+    imitation = {
+        kind: r2(*(judged.estimated[:, columns[kind]] for judged in smoothed))
+        for kind in smoothed[0].types
+    }
+    return DistillationResult(smoothed, as_live, imitation)
 
 
 def in_order_of(teacher: PowerPredictionNetwork, bags: Sequence[Path]) -> list[Path]:

@@ -1,6 +1,7 @@
 """Training of a cross-validation's networks on the workers of a task engine."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any, Self
 
 import torch
 from numpy.typing import NDArray
+from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
@@ -21,6 +23,7 @@ from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
 
 CODE = ('power_estimator', 'power_recordings')
+_given = lru_cache(maxsize=1)(training_set)  # that of a worker's next task, too
 
 
 @dataclass(frozen=True)
@@ -69,16 +72,19 @@ def train_network(task: NetworkTask) -> dict[str, NDArray[Any]]:
     for path, own, told in zip(task.paths, given.recordings, task.hashes, strict=True):
         if own.sha256 != told:
             raise InputError(f'{path} is another recording here than where the command runs')
-    validation = CrossValidation(
-        given.data,
-        task.types,
-        network=task.network,
-        training=task.training,
-        protocol=task.protocol,
-        others=[given.live],
-        recordings=given.recordings,
+    validation = CrossValidation.of(
+        given, task.types, network=task.network, training=task.training, protocol=task.protocol
     )
     return validation.train(task.job, NetworkRunFolder(task.folder)).state()
+
+
+def engine_of(place: Workplace) -> AbstractContextManager[TaskEngine | None]:
+    """Return a context with the engine of a scheduler, or with None where none was given.
+
+    On one machine networks are trained on threads: they share the recordings' signals, which each
+    process would hold for itself, and report each epoch.
+    """
+    return TaskEngine(place) if place.scheduler else nullcontext()
 
 
 def train_on_workers(
@@ -99,8 +105,3 @@ def train_on_workers(
         trainers[job] = validation.restored(job, state)
         progress(job, trainers[job])
     return {job: trainers[job] for job in validation.jobs}
-
-
-@lru_cache(maxsize=1)
-def _given(paths: tuple[Path, ...], drives: tuple[str, ...]) -> TrainingSet:
-    return training_set(paths, drives)

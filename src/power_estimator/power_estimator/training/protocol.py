@@ -85,11 +85,9 @@ def runs(
             yield slice(start, stop)
 
 
-def rows_of(
-    data: AlignedDataset, labels: NDArray[np.int8], part: Part, shortest: int = 1
-) -> AlignedDataset:
+def rows_of(data: AlignedDataset, labels: NDArray[np.int8], part: Part) -> AlignedDataset:
     """Return the samples of one part; each stretch becomes a segment of its own."""
-    stretches = list(runs(labels, data.segment, part, shortest))
+    stretches = list(runs(labels, data.segment, part))
     index = np.concatenate([np.arange(s.start, s.stop) for s in stretches] or [np.arange(0)])
     chosen = data.rows(index)
     lengths = [s.stop - s.start for s in stretches]

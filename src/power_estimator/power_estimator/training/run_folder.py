@@ -69,14 +69,12 @@ class NetworkRunFolder:
             except InputError as error:
                 raise InputError(f'{self.path} is no run to resume: {error}') from None
             if isinstance(before, dict) and isinstance(now, Mapping):
-                changed = [k for k in now if before.get(k) != now[k]]
-                if changed:
-                    key = changed[0]
-                    raise InputError(
-                        f'{self.path} was started with {key} = {quoted(before.get(key))}, not '
-                        f'{quoted(now[key])}; '
-                        f'resume it as it was or start another'
-                    )
+                for key, value in now.items():
+                    if before.get(key) != value:
+                        raise InputError(
+                            f'{self.path} was started with {key} = {quoted(before.get(key))}, '
+                            f'not {quoted(value)}; resume it as it was or start another'
+                        )
             elif before != json.loads(json.dumps(now)):
                 raise InputError(f'{self.path} was started on other recordings: see {file}')
         self._state.mkdir(exist_ok=True)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import fmean, pstdev
@@ -87,7 +87,7 @@ class Result:
     point: SweepPoint
     r2: Mapping[str, tuple[float, float]]  # mean and spread over folds, by drive type
     us_per_sample: float  # of twelve drives
-    epochs: float = field(default=0.0)  # in the mean
+    epochs: float = 0.0  # in the mean
 
     def content(self) -> dict[str, Any]:
         """Return the result as content of JSON, with the history in s."""
@@ -205,14 +205,9 @@ class Sweep:
 
     def validation(self, point: SweepPoint) -> CrossValidation:
         """Return the cross-validation of a point."""
-        return CrossValidation(
-            self._given.data,
-            self._types,
-            network=point.network(),
-            training=point.training(self._training),
-            protocol=self._protocol,
-            others=[self._given.live],
-            recordings=self._given.recordings,
+        network, training = point.network(), point.training(self._training)
+        return CrossValidation.of(
+            self._given, self._types, network=network, training=training, protocol=self._protocol
         )
 
     def _test(

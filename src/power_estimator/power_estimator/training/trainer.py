@@ -44,18 +44,6 @@ class PowerLstm(nn.Module):
             arrays['output.bias'],
         )
 
-    def set_weights(self, weights: Weights) -> None:
-        """Set the weights, which must be of the same size."""
-        arrays = {
-            'lstm.weight_ih_l0': weights.input,
-            'lstm.weight_hh_l0': weights.recurrent,
-            'lstm.bias_ih_l0': weights.bias,
-            'lstm.bias_hh_l0': np.zeros_like(weights.bias),
-            'output.weight': weights.output[None],
-            'output.bias': weights.output_bias,
-        }
-        self.load_state_dict({k: torch.tensor(v) for k, v in arrays.items()})
-
 
 @dataclass(frozen=True)
 class Tracks:
@@ -187,8 +175,8 @@ class Trainer:
         self.network.load_state_dict(
             {k: torch.from_numpy(tensors[f'now/{k}'].copy()) for k in self.network.state_dict()}
         )
-        fields = ('input', 'recurrent', 'bias', 'output', 'output_bias')
-        self.best = Weights(**{k: np.array(tensors[f'best/{k}'], np.float32) for k in fields})
+        best = {k: np.array(tensors[f'best/{k}'], np.float32) for k in vars(self.best)}
+        self.best = Weights(**best)
         moments: dict[int, dict[str, Tensor]] = {}
         for key, values in tensors.items():
             if key.startswith('adam/'):
@@ -216,15 +204,15 @@ class Trainer:
 
         bias = uniform(4 * hidden)
         bias[hidden : 2 * hidden] += 1
-        self.network.set_weights(
-            Weights(
-                uniform(4 * hidden, len(FEATURES)),
-                uniform(4 * hidden, hidden),
-                bias,
-                uniform(hidden),
-                np.zeros(1, np.float32),
-            )
-        )
+        arrays = {
+            'lstm.weight_ih_l0': uniform(4 * hidden, len(FEATURES)),
+            'lstm.weight_hh_l0': uniform(4 * hidden, hidden),
+            'lstm.bias_ih_l0': bias,
+            'lstm.bias_hh_l0': np.zeros_like(bias),
+            'output.weight': uniform(1, hidden),
+            'output.bias': np.zeros(1, np.float32),
+        }
+        self.network.load_state_dict({k: torch.tensor(v) for k, v in arrays.items()})
 
     def _chunks(
         self, number: int, rng: np.random.Generator

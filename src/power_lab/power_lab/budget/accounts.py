@@ -131,7 +131,6 @@ class PartsOverTime:
     metered: Floats  # W [N, M]
     state: Mapping[str, Floats]  # N·m, rad/s, … [N, D]
     masks: Masks  # by phase [N, D]
-    recording: NDArray[np.int32]  # [N]
     stretches: Sequence[slice]
 
 
@@ -153,7 +152,7 @@ class Accounts:
                 raise InputError(f'{model.name} says nothing about {name}; fit it on that, too')
         self.members: list[DriveGroup] = [group for group in found if group is not None]
         self.coefficients = model.coefficients(self.members)
-        self.draws: Draws = coefficient_draws(judge, model, count, seed)
+        self.draws: Draws = coefficient_draws(judge, model, self.members, count, seed)
 
     @cached_property
     def signals(self) -> Signals:
@@ -236,7 +235,7 @@ class Accounts:
             self._add_groups(tallies, whole[index], index)
         return PartsOverTime(
             *(names, parts, np.stack(power, axis=1), self.metered, state, masks),
-            *(prepared.recording, prepared.reducer.stretches()),
+            prepared.reducer.stretches(),
         ), found
 
     @property

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from power_estimator.drive_types import owners
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.whole_robot import column_of, share_of
-from power_estimator.effects.model_file.model import EffectModel, FittedValue
-from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.split import split
 from power_estimator.effects.training import Material
 from power_estimator.judge.judge import Judge
@@ -43,32 +41,35 @@ class Draws:
     measurement: Floats  # [R, M, k]
 
 
-def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 0) -> Draws:
+def coefficient_draws(
+    judge: Judge, model: EffectModel, members: Sequence[DriveGroup], count: int, seed: int
+) -> Draws:
     """Draw coefficients of a fitted model, as uncertain as its recordings leave them.
 
     On the recordings that it was fitted on they come from the posterior, and errors of the meter
     from their intervals. On others, and with a base or a prior, all come from the stored
-    intervals. count: number of draws R; 0 skips the posterior.
+    intervals. members: group of each drive; count: number of draws R; 0 skips the posterior.
     """
     prepared, random = judge.prepared, np.random.default_rng(seed)
     names = prepared.signals.names
-    members = [group for group in owners(names, model.groups) if group is not None]
     types = tuple(group.type for group in model.groups)
     material = Material(prepared, types, settings=judge.settings.fit)
     structure = material.structure(model.structure.actives)
-    place = _Places(model, prepared, structure)
+    free = model.structure.free
+    stored = [[v for active in free for v in group.coefficients[active.name]] for group in members]
     point = np.zeros((len(prepared.names), len(structure.labels)))
-    for drive, group in enumerate(members):
-        stored = [v.value for a in model.structure.free for v in group.coefficients[a.name]]
-        used = place.shares[drive] > 0.0
-        meter = 0 if prepared.whole else drive
-        point[meter, place.columns[drive][used]] = (stored / place.shares[drive])[used]
-    if not judge.refits(model) or model.base is not None or model.prior:
-        values = [
-            [value for active in model.structure.free for value in group.coefficients[active.name]]
-            for group in members
+    for drive, values in enumerate(stored):
+        share = np.concatenate([share_of(active.effect, prepared, drive) for active in free])
+        used = share > 0.0
+        columns = [
+            column_of(structure, active.name, names[drive], term)
+            for active in free
+            for term in range(len(active.effect.terms))
         ]
-        drawn = np.stack([_from_intervals(own, count, random) for own in values], axis=1)
+        meter = 0 if prepared.whole else drive
+        point[meter, np.array(columns)[used]] = ([v.value for v in values] / share)[used]
+    if not judge.refits(model) or model.base is not None or model.prior:
+        drawn = np.stack([_from_intervals(own, count, random) for own in stored], axis=1)
         none = np.empty((len(point), 0))
         scale = _TORQUE_SCALE * prepared.signals.scale.gain * random.normal(size=drawn.shape[:2])
         return Draws(drawn, scale, structure, point, (), none, np.empty((count, *none.shape)))
@@ -116,30 +117,6 @@ def _torque_exponents(model: EffectModel, signals: Signals, coefficients: Floats
                 shown = before > 0.0
                 out[shown, column] = 0.5 * np.log(after[shown] / before[shown]) / np.log(_MORE)
     return out
-
-
-class _Places:
-    """Columns of each drive's coefficients in the structure that the meters show, [D, m] each."""
-
-    def __init__(self, model: EffectModel, prepared: Prepared, structure: Structure) -> None:
-        names = prepared.signals.names
-        free = model.structure.free
-        self.columns = np.array(
-            [
-                [
-                    column_of(structure, active.name, name, term)
-                    for active in free
-                    for term in range(len(active.effect.terms))
-                ]
-                for name in names
-            ]
-        )
-        self.shares = np.array(
-            [
-                np.concatenate([share_of(active.effect, prepared, drive) for active in free])
-                for drive in range(len(names))
-            ]
-        )
 
 
 def _from_intervals(

@@ -25,13 +25,20 @@ def in_words(name: str) -> str:
     return name.replace('_', ' ')
 
 
+def by_family(account: Account, member: str) -> dict[str, float]:
+    """Mean power of a drive, drive type or the robot by family of effects, W."""
+    found: dict[str, float] = defaultdict(float)
+    for share in account.shares(member):
+        if share.effect != ELECTRONICS or member == WHOLE:
+            found[family_of(share.effect)] += share.mean_w
+    return found
+
+
 def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
     """Sentence with the mean power, its largest parts, the unexplained share, the best lever."""
     watts, _ = account.power()
     shares = account.shares(account.first)
-    kinds: dict[str, float] = defaultdict(float)
-    for one in shares:
-        kinds[family_of(one.effect)] += one.mean_w
+    kinds = by_family(account, account.first)
     del kinds[UNEXPLAINED]
     largest = sorted(kinds, key=lambda kind: -kinds[kind])
     named = [kind for kind in largest if kinds[kind] > 0.0][:3]
@@ -81,9 +88,15 @@ def tables(
     if battery:
         made.append(_hours(accounts, battery))
     if differences:
-        made.append(_differences(differences, accounts[0].first))
+        made.append(_table(f'against {differences[0].against}', 'W', '90 % interval'))
+        for one in differences:
+            if one.drive == accounts[0].first and one.phase == 'all':
+                made[-1].add_row(f'{one.recording}: {in_words(one.effect)}', *signed_w(one))
     if levers:
-        made.append(_levers(levers))
+        title = 'change of the mean power at the same motion'
+        made.append(_table(title, 'W', '90 % interval'))
+        for lever in levers:
+            made[-1].add_row(lever.change, *signed_w(lever))
     console = Console(width=_WIDTH, highlight=False)
     with console.capture() as found:
         for line in (sentence, f'model: {model}'):
@@ -111,9 +124,7 @@ def _of_account(account: Account) -> list[Table]:
 def _parts(account: Account, member: str) -> Table:
     table = _table(f'{member}: {account.energy_wh:.3g} Wh metered', 'W', '90 % interval', 'share')
     for share in sorted(account.shares(member), key=_order):
-        low, high = share.interval
-        cells = f'{share.mean_w:.2f}', f'{low:.2f} … {high:.2f}', _percent(share.share)
-        table.add_row(in_words(share.effect), *cells)
+        table.add_row(in_words(share.effect), *share_cells(share))
     watts, (low, high) = account.power()
     table.add_row('metered', f'{watts:.2f}', f'{low:.2f} … {high:.2f}', '100 %')
     return table
@@ -144,22 +155,14 @@ def _hours(accounts: Sequence[Account], battery: float) -> Table:
     return table
 
 
-def _differences(differences: Sequence[BudgetDifference], member: str) -> Table:
-    table = _table(f'against {differences[0].against}', 'W', '90 % interval')
-    for one in differences:
-        if one.drive == member and one.phase == 'all':
-            table.add_row(f'{one.recording}: {in_words(one.effect)}', *_signed(one))
-    return table
+def share_cells(share: Share) -> tuple[str, str, str]:
+    """Mean power in W, its interval and its share, as cells of a table."""
+    low, high = share.interval
+    return f'{share.mean_w:.2f}', f'{low:.2f} … {high:.2f}', _percent(share.share)
 
 
-def _levers(levers: Sequence[Lever]) -> Table:
-    table = _table('change of the mean power at the same motion', 'W', '90 % interval')
-    for lever in levers:
-        table.add_row(lever.change, *_signed(lever))
-    return table
-
-
-def _signed(one: Lever | BudgetDifference) -> tuple[str, str]:
+def signed_w(one: Lever | BudgetDifference) -> tuple[str, str]:
+    """Change of the mean power in W with its sign, and its interval, as cells of a table."""
     return f'{one.mean_w:+.2f}', '{:+.2f} … {:+.2f}'.format(*one.interval)
 
 

@@ -17,41 +17,12 @@ from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 from power_lab.challenge.challenge import Challenge, unseal
-from power_lab.diagnose.next_recording import Motion
+from power_lab.diagnose.next_recording import SPARE, Motion
 
 _GRAVITY = 9.81
 _LENGTH = 0.45  # m, of the pendulum
 _INERTIA = 0.03  # kg·m², of the disc beside it
-_SPARE = 1.15  # the pendulum carries this much more than the largest load
 _LEAST_LOAD = 3.0  # N·m, so that there is something to swing
-
-
-class BenchMotion(MotionController):
-    """Commands to one drive on a pendulum stand, from the segments of a motion file.
-
-    The pendulum is heavy enough for the largest load. A static load is the angle at which it pulls
-    as much; at speed the load swings between plus and minus the largest one. `drive_bench run`
-    follows the same plan, with ramps where this one jumps.
-    """
-
-    def __init__(self, path: Path) -> None:
-        """InputError for a file that is no motion, with the entry that is wrong."""
-        motion = MotionFile.load(path)
-        self.load = max(_LEAST_LOAD, motion.strongest)
-        super().__init__(motion, Mounting(_SPARE * self.load), JUMPS)
-        self.name = f'motion {path.stem}'
-        self.drives = motion.drives
-
-    @property
-    def seconds(self) -> float:
-        """Duration of all segments, s."""
-        return self.motion.seconds
-
-    @property
-    def stand(self) -> Stand:
-        """Stand with a pendulum that can exert the loads."""
-        mass = _SPARE * self.load / (_GRAVITY * _LENGTH)
-        return Stand(_INERTIA, mass, _LENGTH)
 
 
 def record_motion(
@@ -68,12 +39,17 @@ def record_motion(
 ) -> tuple[str, float]:
     """Simulate a motion file on one drive of the bench into a bag; return drive and seconds.
 
+    The drive is on a stand with a pendulum, heavy enough for the largest load. A static load is
+    the angle at which it pulls as much; at speed the load swings between plus and minus the
+    largest one. `drive_bench run` follows the same plan, with ramps where this one jumps.
+
     drive: by default the first that the motion names; challenge: bag whose sealed robot replaces
-    the plant's unit. InputError for a drive that the bench does not have.
+    the plant's unit. InputError for a file that is no motion, with the entry that is wrong, and
+    for a drive that the bench does not have.
     """
     from sim_bridge.offline.run import OfflineRun, write_bag  # the simulated bus
 
-    motion = BenchMotion(file)
+    motion = MotionFile.load(file)
     drive = drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:
         raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
@@ -81,9 +57,11 @@ def record_motion(
         plant = Challenge.of(unseal(challenge)).plant(plant)
     else:
         plant = plant.unit(unit)
-    run = OfflineRun(
-        plant, stand_world(drive, motion.stand), motion, duration=motion.seconds, seed=seed
-    )
+    pull = SPARE * max(_LEAST_LOAD, motion.strongest)
+    world = stand_world(drive, Stand(_INERTIA, pull / (_GRAVITY * _LENGTH), _LENGTH))
+    controller = MotionController(motion, Mounting(pull), JUMPS)
+    controller.name = f'motion {file.stem}'
+    run = OfflineRun(plant, world, controller, duration=motion.seconds, seed=seed)
     name = str(unit) if challenge is None else f'challenge {challenge.name}'
     card = run.card('bench', notes='simulated drive with a pendulum on a stand', unit=name)
     write_bag(output, run, card, overwrite=overwrite, progress=progress)
@@ -96,8 +74,7 @@ _LEAST = 1.0  # s of a segment
 
 def shortened(motion: Motion, seconds: float) -> Motion:
     """Motion cut to about `seconds` by one factor; waves keep a period, other segments 1 s."""
-    whole = sum(float(segment['seconds']) for segment in motion.segments)
-    factor = min(seconds / max(whole, 1e-9), 1.0)
+    factor = min(seconds / max(motion.seconds, 1e-9), 1.0)
 
     def cut(segment: Mapping[str, Any]) -> dict[str, Any]:
         before = float(segment['seconds'])

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,22 +71,13 @@ class Challenge:
     @classmethod
     def of(cls, answer: Mapping[str, Any]) -> 'Challenge':
         """Build from the content of an unsealed answer."""
-        return cls(
-            hidden=tuple(answer['hidden']),
-            strength=float(answer['strength']),
-            known=tuple(answer['known']),
-            unit=int(answer['unit']),
-        )
+        hidden, known = tuple(answer['hidden']), tuple(answer['known'])
+        return cls(hidden, float(answer['strength']), known, int(answer['unit']))
 
     def content(self) -> dict[str, Any]:
         """Return the answer as JSON-compatible values."""
-        return {
-            'hidden': list(self.hidden),
-            'strength': self.strength,
-            'known': list(self.known),
-            'unit': self.unit,
-            'expected': self.expected,
-        }
+        lists = {'hidden': list(self.hidden), 'known': list(self.known)}
+        return {**vars(self), **lists, 'expected': self.expected}
 
 
 def draw(seed: int) -> Challenge:
@@ -158,12 +149,8 @@ def score(answer: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
 
 
 def _mixed(data: bytes) -> bytes:
-    stream = _stream()
-    return bytes(byte ^ next(stream) for byte in data)
-
-
-def _stream() -> Iterator[int]:
-    block = hashlib.sha256(b'power_lab challenge').digest()
-    while True:
-        yield from block
+    block, stream = b'power_lab challenge', bytearray()
+    while len(stream) < len(data):
         block = hashlib.sha256(block).digest()
+        stream += block
+    return bytes(byte ^ other for byte, other in zip(data, stream, strict=False))

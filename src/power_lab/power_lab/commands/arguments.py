@@ -24,20 +24,14 @@ def add_effects_path(parser: ArgumentParser) -> None:
 
 
 def add_bags(made: ArgumentParser) -> None:
-    """Add the recordings (positional), --drives, and the options of `add_reading`."""
+    """Add the recordings (positional), and the options of `add_reading`."""
     made.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings')
-    made.add_argument(
-        '--drives',
-        nargs='+',
-        default=[],
-        metavar='NAME',
-        help='only these drives',
-    )
     add_reading(made)
 
 
 def add_reading(made: ArgumentParser) -> None:
-    """Add --without for seconds to leave out, and options that admit doubtful recordings."""
+    """Add --drives, --without for seconds to leave out, and options that admit doubts."""
+    made.add_argument('--drives', nargs='+', default=[], metavar='NAME', help='only these drives')
     made.add_argument(
         '--without',
         nargs='+',
@@ -78,7 +72,6 @@ def add(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('effects', nargs='+', metavar='EFFECT', help='what to add')
     add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
     add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
-    add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
     add_reading(parser)
     add_output(parser, 'MODEL.yaml')
     add('--per', choices=('type', 'drive'), help='who shares coefficients; as in the model')

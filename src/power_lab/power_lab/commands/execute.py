@@ -2,19 +2,16 @@
 
 import argparse
 
-from drive_bench.motion.file import MotionFile
 from sim_bridge.plant.parameters import Plant
 
 from power_lab.challenge.bench_recording import record_motion
 
 
 def run(options: argparse.Namespace) -> None:
-    plant = Plant.load(options.plant)
-    MotionFile.load(options.motion)
     drive, seconds = record_motion(
         options.motion,
         options.output,
-        plant,
+        Plant.load(options.plant),
         drive=options.drive or '',
         challenge=options.challenge,
         unit=options.unit,

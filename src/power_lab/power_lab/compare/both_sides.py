@@ -10,6 +10,7 @@ too, tells them apart. At standstill current and temperature are left: the windi
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise, product
 from typing import Any, Literal
 
 import numpy as np
@@ -79,10 +80,11 @@ class BothSides:
 
     def lines(self) -> list[str]:
         """Sentences on the findings, one for each quantity."""
+        at = '' if self.temperature_coefficient is None else ' at 20 °C'
         parts = [
             (self.torque_constant, '{} N·m/A at the joint, from the power that its current makes'),
             (self.by_torque, '{} N·m/A by the torque sensor at standstill'),
-            (self.resistance, '{} W/A² of motor current in the winding' + self._at),
+            (self.resistance, '{} W/A² of motor current in the winding' + at),
             (self.temperature_coefficient, '{}/K of it more when warm (copper: 0.0039)'),
         ]
         lines = [text.format(_shown(value)) for value, text in parts if value is not None]
@@ -90,29 +92,21 @@ class BothSides:
         lines += [self.remark] if self.remark else []
         return [f'{self.drive}: {line}' for line in lines]
 
-    @property
-    def _at(self) -> str:
-        return ' at 20 °C' if self.temperature_coefficient is not None else ''
-
     def _between(self) -> str:
         assert self.ratio is not None
         head = f'a watt at the joint takes {_shown(self.ratio)} W of the motor'
         if self.r2_current is not None and self.r2_torque is not None:
-            sides = ('current', 'torque') if self.r2_current > self.r2_torque else (
-                'torque', 'current')  # fmt: skip
-            r2s = sorted((self.r2_current, self.r2_torque), reverse=True)
-            head += (
-                f'; the power follows the {sides[0]} (R² {r2s[0]:.4f}) closer than the '
-                f'{sides[1]} ({r2s[1]:.4f})'
-            )
+            sides = (self.r2_current, 'current'), (self.r2_torque, 'torque')
+            (r2, closer), (less, other) = sorted(sides, reverse=True)
+            head += f'; the power follows the {closer} (R² {r2:.4f}) closer than the '
+            head += f'{other} ({less:.4f})'
         if self.verdict == 'agree':
             return f'{head}: current and torque agree'
         if self.scale is not None:
-            loss = '' if self.gear_loss is None else (
-                f', the gear takes {_shown(self.gear_loss)} of the load'
-            )  # fmt: skip
             reads = f'the torque sensor reads {_shown(self.scale)} of the torque'
-            return f'{head}: {self.verdict}; {reads}{loss}'
+            if self.gear_loss is not None:
+                reads += f', the gear takes {_shown(self.gear_loss)} of the load'
+            return f'{head}: {self.verdict}; {reads}'
         share = 1.0 / self.ratio.value
         return (
             f'{head}: {self.verdict}. Either the torque sensor reads {share:.2f} of the torque, '
@@ -273,15 +267,15 @@ class _Drive:
         if not used.any():
             return ()
         quantiles = np.linspace(0.02, 0.98, _BINS + 1)
-        edges = [np.unique(np.quantile(values[used], quantiles)) for values in (speed, load)]
+        edges = [
+            np.unique(np.quantile(values[used], quantiles)).tolist() for values in (speed, load)
+        ]
         least, found = _LEAST_POINTS if self._steady else _LEAST_ROWS, []
-        for slow, fast in zip(edges[0][:-1], edges[0][1:], strict=True):
-            for light, heavy in zip(edges[1][:-1], edges[1][1:], strict=True):
-                own = used & (slow <= speed) & (speed <= fast) & (light <= load) & (load <= heavy)
-                if own.sum() >= least:
-                    value = float(shaft[own].sum() / motor[own].sum())
-                    ranges = (float(slow), float(fast)), (float(light), float(heavy))
-                    found.append(Efficiency(*ranges, value, int(own.sum())))
+        for (slow, fast), (light, heavy) in product(*map(pairwise, edges)):
+            own = used & (slow <= speed) & (speed <= fast) & (light <= load) & (load <= heavy)
+            if own.sum() >= least:
+                value = float(shaft[own].sum() / motor[own].sum())
+                found.append(Efficiency((slow, fast), (light, heavy), value, int(own.sum())))
         return tuple(found)
 
     def _of(self, name: str) -> Floats:

@@ -12,9 +12,10 @@ def notes(prepared: Prepared) -> list[str]:
     """Sentences on what limits a fit: little data, one meter, torque computed from a current."""
     found = []
     if prepared.steady:
+        without = [effect.name for effect in builtin_catalogue().values() if effect.needs_time]
         found.append(
             f'{prepared.extent} of a steady recording, each a row of its own: not offered are '
-            f'{", ".join(without_time())} and a winding that warms unmeasured, which all show '
+            f'{", ".join(without)} and a winding that warms unmeasured, which all show '
             'while something changes'
         )
     elif prepared.seconds < LEAST_SECONDS:
@@ -41,8 +42,3 @@ def notes(prepared: Prepared) -> list[str]:
         elif np.isfinite(constant):
             found.append(f'{name}: {constant:.3g} N·m/A, from the power that its current makes')
     return found
-
-
-def without_time() -> list[str]:
-    """Names of effects that steady operating points cannot show."""
-    return [effect.name for effect in builtin_catalogue().values() if effect.needs_time]

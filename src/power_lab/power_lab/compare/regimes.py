@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,9 +93,8 @@ def worst_regimes(
         error = -residual[good, drive]
         rows = {key: values[good, drive] for key, values in state.items()}
         total = float(np.square(error).sum())
-        factors = (1.0, 1.0) if scale is None else scale.of(drive)[:2]
-        edges = _Edges.of(*factors)
-        found += _by_load(name, error, rows['torque'], rows['velocity'], total, edges)
+        edges = _edges(scale, drive)
+        found += _by_load(name, error, rows['torque'], rows['velocity'], total, *edges)
         for key in ('acceleration', 'position', 'time', 'temperature'):
             if key in rows and np.isfinite(rows[key]).all():
                 found += _by_range(name, error, key, rows[key], total)
@@ -121,12 +121,9 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     for index in range(count):
         own = error[place == index]
         if own.size >= _LEAST_ROWS // 5:
+            low, high = edges[index : index + 2].tolist()
             rmse = float(np.sqrt(np.mean(np.square(own))))
-            out.append(
-                Bin(
-                    float(edges[index]), float(edges[index + 1]), float(own.mean()), rmse, own.size
-                )
-            )
+            out.append(Bin(low, high, float(own.mean()), rmse, own.size))
     return out
 
 
@@ -137,103 +134,65 @@ def digits(value: float) -> str:
 
 def standstill(scale: DriveScale, drive: int) -> float:
     """Speed in rad/s below which regimes call a drive at rest."""
-    return _Edges.of(*scale.of(drive)[:2]).still
+    return _edges(scale, drive)[1][0]
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """Borders of ranges of load and speed for a drive's size."""
-
-    torques: tuple[float, ...]  # N·m
-    speeds: tuple[float, ...]  # rad/s
-    still: float  # rad/s
-
-    @classmethod
-    def of(cls, torque: float, speed: float) -> '_Edges':
-        """For a drive that many times the reference drive's torque and speed."""
-        torques = tuple(_two_digits(torque * edge) for edge in _TORQUE_EDGES)
-        speeds = tuple(_two_digits(speed * edge) for edge in _SPEED_EDGES)
-        return cls(torques, speeds, speeds[0])
-
-
-def _two_digits(value: float) -> float:
-    return float(f'{value:.2g}')
+def _edges(scale: DriveScale | None, drive: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Borders of ranges of load, N·m, and of speed, rad/s, for a drive's size."""
+    times = (1.0, 1.0) if scale is None else scale.of(drive)[:2]
+    torques, speeds = (
+        tuple(float(f'{factor * edge:.2g}') for edge in edges)
+        for factor, edges in zip(times, (_TORQUE_EDGES, _SPEED_EDGES), strict=True)
+    )
+    return torques, speeds
 
 
 def _by_load(
-    name: str, error: Floats, torque: Floats, velocity: Floats, total: float, edges: '_Edges'
+    name: str,
+    error: Floats,
+    torque: Floats,
+    velocity: Floats,
+    total: float,
+    loads: Sequence[float],
+    faster: Sequence[float],
 ) -> list[Regime]:
-    speed, load = np.abs(velocity), np.abs(torque)
+    speed, load, still = np.abs(velocity), np.abs(torque), faster[0]
     modes = {
-        'driving': (torque * velocity > 0) & (speed >= edges.still),
-        'braking': (torque * velocity <= 0) & (speed >= edges.still),
-        'at rest': speed < edges.still,
+        'driving': (torque * velocity > 0) & (speed >= still),
+        'braking': (torque * velocity <= 0) & (speed >= still),
+        'at rest': speed < still,
     }
     out = []
     for mode, own in modes.items():
         best: Regime | None = None
-        speeds = edges.speeds if mode != 'at rest' else (0.0, edges.still)
-        table = _Table(error[own], load[own], speed[own], edges.torques, speeds)
-        for a, b, c, d in table.rectangles():
-            summed, rows = table.within(a, b, c, d)
+        speeds = faster if mode != 'at rest' else (0.0, still)
+        borders = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
+        errors, counts = (
+            np.histogram2d(load[own], speed[own], bins=borders, weights=weights)[0]
+            for weights in (error[own], None)
+        )
+        sums = [  # over all of lower load and speed, for any rectangle at once
+            np.pad(table.cumsum(0).cumsum(1), ((1, 0), (1, 0))) for table in (errors, counts)
+        ]
+        ranges = (combinations(range(len(edge)), 2) for edge in (loads, speeds))
+        for (a, b), (c, d) in product(*ranges):
+            summed, rows = (
+                float(table[b, d] - table[a, d] - table[b, c] + table[a, c]) for table in sums
+            )
             if rows < _LEAST_ROWS:
                 continue
             share = summed**2 / rows / max(total, 1e-12)
             if best is None or share > best.share:
-                bounds = {'torque': _range(edges.torques, a, b)}
-                words = [mode, _words(*bounds['torque'], 'N·m', edges.torques)]
+                bounds = {'torque': (loads[a], loads[b])}
+                words = [mode, _words(*bounds['torque'], 'N·m', loads)]
                 if mode != 'at rest':
-                    bounds['speed'] = _range(speeds, c, d)
+                    bounds['speed'] = speeds[c], speeds[d]
                     words.append(_words(*bounds['speed'], 'rad/s', speeds))
-                best = Regime(
-                    name,
-                    tuple(word for word in words if word),
-                    bounds,
-                    summed / rows,
-                    rows / _RATE,
-                    share,
-                )
+                told = tuple(word for word in words if word)
+                best = Regime(name, told, bounds, summed / rows, rows / _RATE, share)
         if best is not None and best.share >= _LEAST_SHARE:
             out.append(best)
     return out
-
-
-class _Table:
-    """Sums over a grid of load and speed, for any rectangle at once."""
-
-    def __init__(
-        self,
-        error: Floats,
-        load: Floats,
-        speed: Floats,
-        loads: Sequence[float],
-        speeds: Sequence[float],
-    ) -> None:
-        edges = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
-        self._shape = (len(loads) - 1, len(speeds) - 1)
-        sums, _, _ = np.histogram2d(load, speed, bins=edges, weights=error)
-        rows, _, _ = np.histogram2d(load, speed, bins=edges)
-        self._sums = np.pad(sums.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-        self._rows = np.pad(rows.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-
-    def rectangles(self) -> list[tuple[int, int, int, int]]:
-        """All of them, as half-open index ranges of load and speed."""
-        loads, speeds = self._shape
-        return [
-            (a, b, c, d)
-            for a in range(loads)
-            for b in range(a + 1, loads + 1)
-            for c in range(speeds)
-            for d in range(c + 1, speeds + 1)
-        ]
-
-    def within(self, a: int, b: int, c: int, d: int) -> tuple[float, float]:
-        """Summed error and number of rows."""
-
-        def over(table: Floats) -> float:
-            return float(table[b, d] - table[a, d] - table[b, c] + table[a, c])
-
-        return over(self._sums), over(self._rows)
 
 
 def _by_range(name: str, error: Floats, key: str, values: Floats, total: float) -> list[Regime]:
@@ -272,10 +231,6 @@ def _by_label(
                 text = str(word) if key == 'phase' else f'{key} {word}'
                 out.append(Regime(name, (text,), {}, mean, own.size / _RATE, share))
     return out
-
-
-def _range(edges: Sequence[float], a: int, b: int) -> tuple[float, float]:
-    return edges[a], edges[b]
 
 
 def _words(low: float, high: float, unit: str, edges: Sequence[float]) -> str:

@@ -1,6 +1,6 @@
 """Errors of the measurement as the posterior has them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,8 +47,26 @@ class MeasurementTerm:
     @property
     def sentence(self) -> str:
         """Sentence on the error: drive, size, and the check or calibration that removes it."""
-        if self.name in _IN_WORDS:
-            return _IN_WORDS[self.name](self)
+        read = f'{1.0 + self.value:.2f} of what the power says'
+        match self.name:
+            case 'torque_scale' if self.at_motor:
+                return f'The torque of {self.drive} reads {read}: check the torque constant.'
+            case 'torque_scale':
+                gear = f', or a gear that loses {-self.value:.0%}' if self.value < 0 else ''
+                check = f'a wrong scale{gear}; weigh a known mass on it.'
+                return f'The torque of {self.drive} reads {read}: {check}'
+            case 'power_gain':
+                way = 'high' if self.value > 0 else 'low'
+                return (
+                    f'The power meter of {self.drive} reads {abs(self.value):.0%} {way}: '
+                    'calibrate it against a reference.'
+                )
+            case 'torque_bias':
+                return (
+                    f'The torque of {self.drive} has a constant error of {self.value:.2g} N·m: '
+                    'the zero of its sensor, or friction in one direction; read it unloaded at '
+                    'rest, from both sides.'
+                )
         size = f'{self.value:.3g} {SENSORS[self.name].unit}'
         if self.name == 'meter_filter' and self.value > 0:  # half of a time constant squared
             size = f'{np.sqrt(2.0 * self.value):.2g} s'
@@ -78,8 +96,7 @@ def measurement_terms(
         middle = float(np.mean(drawn[worst]))
         low, high = np.quantile(drawn[worst], [0.025, 0.975]).tolist()
         if name in found.scales:
-            sure = found.scales[name] >= NAMED and abs(middle) > OFF
-            far = sure
+            far = sure = found.scales[name] >= NAMED and abs(middle) > OFF
         else:
             sure = not low <= 0.0 <= high
             far = sure and abs(middle) > _FAR * usual[name]
@@ -113,35 +130,7 @@ def _by_recording(prepared: Prepared, values: Floats) -> Mapping[str, float]:
     return out
 
 
-def _torque_scale(term: MeasurementTerm) -> str:
-    read = f'The torque of {term.drive} reads {1.0 + term.value:.2f} of what the power says'
-    if term.at_motor:
-        return f'{read}: check the torque constant.'
-    gear = f', or a gear that loses {-term.value:.0%}' if term.value < 0 else ''
-    return f'{read}: a wrong scale{gear}; weigh a known mass on it.'
-
-
-def _power_gain(term: MeasurementTerm) -> str:
-    way = 'high' if term.value > 0 else 'low'
-    return (
-        f'The power meter of {term.drive} reads {abs(term.value):.0%} {way}: calibrate it '
-        'against a reference.'
-    )
-
-
-def _torque_bias(term: MeasurementTerm) -> str:
-    return (
-        f'The torque of {term.drive} has a constant error of {term.value:.2g} N·m: the zero of '
-        'its sensor, or friction in one direction; read it unloaded at rest, from both sides.'
-    )
-
-
 _SCALES_AND_OFFSETS = ('power_gain', 'torque_scale', 'current_offset', 'torque_bias')
-_IN_WORDS: Mapping[str, Callable[[MeasurementTerm], str]] = {
-    'torque_scale': _torque_scale,
-    'power_gain': _power_gain,
-    'torque_bias': _torque_bias,
-}
 _CHECKS: Mapping[str, str] = {
     'current_offset': 'read the meter with the drive unplugged',
     'offset_drift': 'read the meter with the drive unplugged, before and after',

@@ -1,7 +1,7 @@
 """Motion that would settle a diagnosis, as a file that a bench or a robot can execute."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ however long the rest of the recording is; half of a motion may show nothing.
 """
 _RANGE = 6.0  # rad, that a joint turns one way
 _MOST_PASSES = 40  # more than a joint of a leg ever needs
-_SPARE = 1.15  # a pendulum pulls this much more than the largest load
+SPARE = 1.15  # a pendulum pulls this much more than the largest load
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Motion:
     @property
     def seconds(self) -> float:
         """Duration of all segments, s."""
-        return sum(float(segment['seconds']) for segment in self.segments)
+        return _seconds(self.segments)
 
     def content(self) -> dict[str, Any]:
         """Content of the motion file; units are SI."""
@@ -68,7 +68,7 @@ class Motion:
                 raise InputError(f'--limits has nothing for {drive}; add it, or a pattern for it')
             own = limits[drive]
             hanging = 0.0 if own.low < 0.0 < own.high else 0.5 * (own.low + own.high)
-            pull = _SPARE * max(motion.strongest, 1.0)
+            pull = SPARE * max(motion.strongest, 1.0)
             motion, notes = fitted(motion, hanging, Mounting(pull, hanging), own)
             changes += [f'{drive}: {note}' for note in notes]
         segments = tuple(segment.content() for segment in motion.segments)
@@ -108,9 +108,13 @@ def separating_motion(
     return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
 
 
+def _seconds(segments: Iterable[Mapping[str, Any]]) -> float:
+    return sum(float(segment['seconds']) for segment in segments)
+
+
 def _long_enough(segments: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Repeat segments whose time would be too short to be told from chance."""
-    seconds = sum(float(segment['seconds']) for segment in segments)
+    seconds = _seconds(segments)
     return segments * max(1, math.ceil(LEAST_OF_EACH / seconds)) if seconds else segments
 
 
@@ -183,7 +187,7 @@ def _passes(speed: float, load: float, seconds: float) -> list[dict[str, Any]]:
 
 def _within(segments: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Shorten all alike where the whole would take too long."""
-    total = sum(float(segment['seconds']) for segment in segments)
+    total = _seconds(segments)
     if total <= _LONGEST:
         return list(segments)
     return [

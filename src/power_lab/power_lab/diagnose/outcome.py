@@ -18,7 +18,6 @@ from power_estimator.posterior.priors import LEAST_TO_JUDGE, MOST_SECONDS
 
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.notes import notes
-from power_lab.compare.regimes import Regime
 from power_lab.diagnose.diagnosis import diagnosed
 from power_lab.diagnose.findings import Diagnosis, rounded_down, short
 from power_lab.diagnose.measurement import MeasurementTerm, measurement_terms
@@ -56,16 +55,6 @@ class JudgedSteps:
     def after(self) -> JudgedModel:
         """The model with all effects that the diagnosis names."""
         return self.comparison.models[-1]
-
-    @property
-    def regimes(self) -> tuple[Regime, ...]:
-        """Regimes in which the model fails most."""
-        return self.comparison.regimes[0]
-
-    @property
-    def regimes_after(self) -> tuple[Regime, ...]:
-        """Regimes in which it fails most with all effects that the diagnosis names."""
-        return self.comparison.regimes[-1]
 
 
 def judged_steps(
@@ -200,7 +189,7 @@ class Outcome:
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `diagnose --json` writes them."""
         d, noise = self.diagnosis, self.prepared.noise
-        left = self.judged.regimes_after
+        left = self.judged.comparison.regimes[-1]
         model, after = self.judged.model.drives, self.judged.after.drives
         missed = float(np.nansum(d.best.mean_mse))
         residual = 0.0 if d.residual is None else d.residual.rms_w**2 * len(d.best.mean_mse)

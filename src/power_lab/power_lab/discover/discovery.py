@@ -9,7 +9,7 @@ from power_estimator.effects.fit.blocks import one_thread_a_product
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
-from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.judge.evidence import Evidence, Examiner
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
@@ -20,7 +20,7 @@ from power_lab.discover.found import (
     Discovery,
     Finalist,
     Found,
-    Values,
+    bounds_of,
     interval_of,
     load_effect,
     without_superseded,
@@ -35,7 +35,7 @@ from power_lab.discover.selection import (
     options,
     without_known,
 )
-from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
+from power_lab.discover.words import effect_name, excitation, free_name, in_short, look_alikes
 from power_lab.structure.drivers import driver_values, families
 from power_lab.structure.floors import above_floor, floors, unseen
 from power_lab.structure.in_time import InTime, course_effect, in_time
@@ -109,8 +109,9 @@ class Discoverer:
         return Discovery(settled, base, best, floor, of_first, nothing, tuple(named))
 
     def _examined(self, structure: Structure, start: Evidence | None = None) -> Evidence:
-        whole = structure.with_discrepancies()
-        begin = None if start is None else _unweighted(start.fit)
+        whole, begin = structure.with_discrepancies(), None
+        if start is not None:  # all blocks alike: those that an effect acts in fitted badly so far
+            begin = replace(start.fit, weights=np.ones_like(start.fit.weights))
         return self.examiner.examine(self.fitter.fit(whole, begin, iterations=4))
 
     def _with(self, one: Found, best: Evidence) -> Evidence:
@@ -118,25 +119,25 @@ class Discoverer:
         self.structure = self.structure.plus(Active.of(one.effect))
         return self._examined(self.structure, best)
 
-    def _values(self, name: str, drives: Sequence[int], evidence: Evidence) -> Values:
-        """Coefficients of an effect in a fit, on these drives."""
-        columns = evidence.fit.structure.columns_of(name)
-        between = self.fitter.intervals(evidence.fit, self.seed)[:, columns]
-        rows = list(drives)
-        return Values(tuple(drives), evidence.fit.coefficients[rows][:, columns], between[rows])
-
-    def _settled(self, one: Found, best: Evidence) -> Found:
-        """The effect with coefficients, bounds and words of the fit with all that was found."""
+    def _settled(self, one: Found, evidence: Evidence, term: str = '') -> Found:
+        """The effect with coefficients, bounds and words of a fit; term: its name in that."""
         if one.formula is None:
             return one
-        values = self._values(one.name, one.drives, best)
-        written = self._written(one.name, one.formula, values.by_drive, values.bounds)
+        fit, rows = evidence.fit, list(one.drives)
+        columns = fit.structure.columns_of(term or one.name)
+        values = fit.coefficients[rows][:, columns]  # [d, n]
+        between = self.fitter.intervals(fit, self.seed)[rows][:, columns]  # [d, n, 2]
+        by_drive = dict(zip(rows, map(tuple, values.tolist()), strict=True))
+        written = self._written(one.name, one.formula, by_drive, bounds_of(between, values))
         return replace(
             one,
             effect=load_effect(written),
             written=written,
-            coefficients=values.by_drive,
-            coefficient_intervals=values.intervals,
+            coefficients=by_drive,
+            coefficient_intervals={
+                drive: tuple((low, high) for low, high in own)
+                for drive, own in zip(rows, between.tolist(), strict=True)
+            },
         )
 
     def _next(
@@ -146,7 +147,9 @@ class Discoverer:
         residual = self.examiner.residual(best)
         drives = problems(fitter, best, self.examiner.folds, residual)
         point = fitter.builder.point(best.fit.structure, best.fit.coefficients)
-        in_times = self._in_times(drives)
+        prepared = fitter.prepared
+        courses_tried = (in_time(one, prepared.time, prepared.recording) for one in drives)
+        in_times = {one.drive: one for one in courses_tried if one is not None}
         courses = {d: o for d, o in in_times.items() if o.gain >= 2.0 * float(floor[d]) ** 2}
         self.show(f'effect {number + 1}: what it depends on')
         screened = [self._screened(problem, point) for problem in drives]
@@ -159,7 +162,7 @@ class Discoverer:
         state_gain = ranked[0].shape_gain if ranked else 0.0
         least_share = self._least_of_time(ranked[0], point) if ranked else _LEAST_OF_TIME
         if courses and state_gain < least_share * in_time_gain:
-            return self._course(courses, best, floor, found), '', likely
+            return self._course(courses, best, found), '', likely
         if not ranked:
             return None, 'nothing that is larger than what can be judged', likely
         ranked, repeated = without_known(
@@ -168,7 +171,7 @@ class Discoverer:
         if not ranked:
             return None, f'what is left goes as {in_words(repeated)}, which the model has', likely
         if likely > CERTAINTY and courses:
-            return self._course(courses, best, floor, found), '', likely
+            return self._course(courses, best, found), '', likely
         if likely > CERTAINTY:
             return None, f'what is left is as large by chance in {likely:.0%} of cases', likely
         gain = np.zeros(len(floor))
@@ -197,11 +200,6 @@ class Discoverer:
         if within.var() < _SLOW * z.var():
             return _LEAST_OF_TIME
         return _LEAST_OF_TIME_SLOW.get(family.kind, _LEAST_OF_TIME_SLOW['temperature'])
-
-    def _in_times(self, drives: Sequence[DriveProblem]) -> dict[int, InTime]:
-        prepared = self.fitter.prepared
-        found = (in_time(problem, prepared.time, prepared.recording) for problem in drives)
-        return {one.drive: one for one in found if one is not None}
 
     def _screened(self, problem: DriveProblem, point: Linearisation) -> list[DriverGain]:
         screen = DriverScreen(problem, point, self.fitter.prepared)
@@ -236,29 +234,18 @@ class Discoverer:
         return out
 
     def _course(
-        self, courses: Mapping[int, InTime], best: Evidence, floor: Floats, found: Sequence[Found]
-    ) -> Found | None:
+        self, courses: Mapping[int, InTime], best: Evidence, found: Sequence[Found]
+    ) -> Found:
         """Return the structure in time alone, kept beside all that follows and in no file."""
         largest = max(courses.values(), key=lambda one: one.gain)
-        names = self.fitter.prepared.names
-        taken = {one.name for one in found}
         name = 'time_cycle' if largest.shape.period else 'time_drift'
-        number, free = 2, name
-        while free in taken:
-            free, number = f'{name}_{number}', number + 1
-        places = {names[d]: one.shape for d, one in courses.items()}
-        effect = course_effect(free, places)
+        name = free_name(name, {one.name for one in found})
+        names, drives = self.fitter.prepared.names, tuple(sorted(courses))
+        effect = course_effect(name, {names[d]: one.shape for d, one in courses.items()})
         after = self._examined(self.structure.plus(Active.of(effect)), best)
         gain = best.mean_mse - after.mean_mse
-        return Found(
-            name=free,
-            kind='time',
-            drives=tuple(sorted(courses)),
-            gain=gain,
-            interval=interval_of(best, after, sorted(courses), self.seed),
-            effect=effect,
-            course=largest,
-        )
+        interval = interval_of(best, after, drives, self.seed)
+        return Found(name, 'time', drives, gain, interval, effect=effect, course=largest)
 
     def _finalist(
         self,
@@ -319,34 +306,19 @@ class Discoverer:
             return None
         if self._names_left:
             least = np.maximum(0.3 * np.square(floor), 0.02 * best.mean_mse)
-            named = named_instead(
-                self.fitter,
-                self.examiner,
-                self.catalogue,
-                self.structure,
-                best,
-                self._examined,
-                least,
-                float(kept_gain.sum()),
-            )
+            known = self.examiner, self.catalogue, self.structure
+            named = named_instead(*known, best, self._examined, least, float(kept_gain.sum()))
             if named is not None:
                 return named
-        formula = replace(formula, places={d: places[d] for d in own})
-        trial = self._values(effect.name, own, after)
-        written = self._written(name, formula, trial.by_drive, trial.bounds)
-        return Found(
+        learned = Found(
             name=name,
             kind=formula.kind,
             drives=own,
             gain=kept_gain,
             interval=interval,
-            formula=formula,
-            effect=load_effect(written),
-            written=written,
+            formula=replace(formula, places={d: places[d] for d in own}),
             shapes=option.shapes,
             kept=min(1.0, option.kept),
-            coefficients=trial.by_drive,
-            coefficient_intervals=trial.intervals,
             rivals=tuple(
                 (
                     one.formula.text(),
@@ -355,6 +327,7 @@ class Discoverer:
                 for one in ranked[1:4]
             ),
         )
+        return self._settled(learned, after, effect.name)
 
     def _written(
         self,
@@ -383,8 +356,3 @@ class Discoverer:
             excitation=excitation(formula),
             places=places,
         )
-
-
-def _unweighted(fit: Fit) -> Fit:
-    """Return the fit with all blocks alike: those that an effect acts in fitted badly so far."""
-    return replace(fit, weights=np.ones_like(fit.weights))

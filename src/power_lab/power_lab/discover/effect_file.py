@@ -23,21 +23,17 @@ class Written:
     excitation: Mapping[str, object]
     places: Mapping[str, Mapping[str, object]]  # by drive
 
-    @property
-    def class_name(self) -> str:
-        """Name of the effect's Python class."""
-        return ''.join(part.capitalize() for part in self.name.split('_'))
-
 
 def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
     """Return the Python text of an effect file; source: names of the recordings learned from."""
     used = dict.fromkeys(one.formula.primitive for one in effects)
     helpers = [inspect.getsource(primitive.of) for primitive in used]
     drivers = [place.family.driver for one in effects for place in one.formula.places.values()]
-    for name in _HELPERS:
-        wanted = any(name in driver.code for driver in drivers)
-        if wanted:
-            helpers.append(inspect.getsource(getattr(memory, name)).replace(_IGNORE, ''))
+    helpers += [
+        inspect.getsource(getattr(memory, name)).replace(_IGNORE, '')
+        for name in _HELPERS
+        if any(name in driver.code for driver in drivers)
+    ]
     parts = [
         '"""Effects found by `power_lab discover`: hypotheses, to be confirmed by experiment."""',
         '',
@@ -63,6 +59,7 @@ _IGNORE = '  # type: ignore[no-untyped-def]'
 
 def _class(one: Written) -> str:
     formula, family = one.formula, one.formula.family
+    unit = {'torque': 'N·m on the motor', 'power': 'W at the input'}[family.acts_on]
     symbols = ['A·cos(phase)', 'A·sin(phase)'] if formula.primitive.terms > 1 else ['c']
     terms = '\n'.join(
         f'        Term({symbol!r}, {formula.unit!r}, {low!r}, {high!r}),'
@@ -70,7 +67,9 @@ def _class(one: Written) -> str:
     )
     places = '\n'.join(f'    {name!r}: {dict(given)!r},' for name, given in one.places.items())
     table = f'{one.name.upper()}_PLACES'
+    memory_lines = '            rate = signals.rate', "            given = place['given']"
     arguments = ''.join(f", place['{name}']" for name in formula.primitive.parameters)
+    class_name = ''.join(part.capitalize() for part in one.name.split('_'))
     lines = [
         f'{table} = {{',
         places,
@@ -78,7 +77,7 @@ def _class(one: Written) -> str:
         '"""Parameters by drive, SI units; drives that are not here do not have the effect."""',
         '',
         '',
-        f'class {one.class_name}(Effect):',
+        f'class {class_name}(Effect):',
         '    """A hypothesis: see physics."""',
         '',
         f'    name = {one.name!r}',
@@ -108,7 +107,7 @@ def _class(one: Written) -> str:
         '        return np.ones((len(scale.torque), len(self.terms)))',
         '',
         '    def regressors(self, signals, **shape):',
-        f'        """{_says(one)}"""',
+        f'        """Return {unit} per unit coefficient."""',
         f'        found = np.zeros((*signals.torque.shape, {formula.primitive.terms}))',
         '        for column, drive in enumerate(signals.names):',
         f'            place = {table}.get(drive)',
@@ -116,7 +115,7 @@ def _class(one: Written) -> str:
         '            standstill = float(signals.scale.standstill[column])',
         '            velocity = signals.motor_velocity[:, column]',
         '            torque = signals.torque[:, column]',
-        *_memory_lines(one),
+        *(memory_lines if family.driver.memory else ()),
         f'            z = {family.driver.code}',
         f'            value = {formula.primitive.of.__name__}(z{arguments})',
     ]
@@ -140,13 +139,6 @@ def _guard(one: Written) -> list[str]:
     return ['            if place is None:', '                continue']
 
 
-def _memory_lines(one: Written) -> list[str]:
-    driver = one.formula.family.driver
-    if not driver.memory:
-        return []
-    return ['            rate = signals.rate', "            given = place['given']"]
-
-
 def _without_unused(text: str) -> str:
     """Leave out the lines that set what the formula does not use."""
     kept = text.split('\n')
@@ -158,8 +150,3 @@ def _without_unused(text: str) -> str:
         if name not in names:
             kept = uses
     return '\n'.join(kept)
-
-
-def _says(one: Written) -> str:
-    acts = {'torque': 'N·m on the motor', 'power': 'W at the input'}[one.formula.family.acts_on]
-    return f'Return {acts} per unit coefficient.'

@@ -1,7 +1,7 @@
 """Parts of a discovery: effects, finalists, bounds and the check of a file."""
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from wattwalk_core.arrays import Floats
 
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula
-from power_lab.discover.known import Named
+from power_lab.discover.known import Examined, Named, explained_w
 from power_lab.discover.selection import Option
 from power_lab.structure.floors import above_floor
 from power_lab.structure.in_time import InTime
@@ -45,7 +45,7 @@ class Found:
     @property
     def explains(self) -> float:
         """Rms power that it explains over its drives, W."""
-        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+        return explained_w(self.gain, self.drives)
 
 
 @dataclass(frozen=True)
@@ -68,35 +68,6 @@ class Discovery:
 
 
 @dataclass(frozen=True)
-class Values:
-    """Coefficients of one effect and their intervals, from one fit."""
-
-    drives: tuple[int, ...]
-    coefficients: Floats  # [d, n]
-    between: Floats  # [d, n, 2]
-
-    @property
-    def by_drive(self) -> dict[int, tuple[float, ...]]:
-        """Coefficients by drive."""
-        return {
-            d: tuple(own.tolist()) for d, own in zip(self.drives, self.coefficients, strict=True)
-        }
-
-    @property
-    def intervals(self) -> dict[int, tuple[tuple[float, float], ...]]:
-        """95 % intervals of the coefficients by drive, (low, high) each."""
-        return {
-            d: tuple((float(a), float(b)) for a, b in own)
-            for d, own in zip(self.drives, self.between, strict=True)
-        }
-
-    @property
-    def bounds(self) -> list[tuple[float, float]]:
-        """Bounds of each coefficient for an effect file, wider than the intervals."""
-        return bounds_of(self.between, self.coefficients)
-
-
-@dataclass(frozen=True)
 class Finalist:
     """Formula that was refitted with the whole model, and its held-out gain."""
 
@@ -115,12 +86,15 @@ def interval_of(
     falls = (before.mse - after.mse)[:, list(drives)]
     known = np.isfinite(falls)
     fall = np.where(known, falls, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    random = np.random.default_rng(seed)
-    size = min(5, len(fall))
-    starts = random.integers(0, len(fall) - size + 1, (_BOOTSTRAPS, -(-len(fall) // size)))
-    drawn = fall[(starts[..., None] + np.arange(size)).reshape(_BOOTSTRAPS, -1)].mean(axis=1)
-    low, high = np.quantile(drawn, (0.025, 0.975))
+    low, high = np.quantile(drawn_means(fall, _BOOTSTRAPS, seed), (0.025, 0.975))
     return float(np.sign(low) * np.sqrt(abs(low))), float(np.sqrt(max(high, 0.0)))
+
+
+def drawn_means(blocks: Floats, count: int, seed: int) -> Floats:
+    """Bootstrap means [count] of values by block [B]; five successive ones are drawn at once."""
+    random, size = np.random.default_rng(seed), min(5, len(blocks))
+    starts = random.integers(0, len(blocks) - size + 1, (count, -(-len(blocks) // size)))
+    return blocks[(starts[..., None] + np.arange(size)).reshape(count, -1)].mean(axis=1)
 
 
 def bounds_of(between: Floats, values: Floats) -> list[tuple[float, float]]:
@@ -163,9 +137,6 @@ def load_effect(written: Written) -> Effect:
         path = Path(folder) / 'effect.py'
         path.write_text(effect_source([written], ()), encoding='utf-8')
         return load_catalogue([path])[written.name]
-
-
-Examined = Callable[[Structure, Evidence], Evidence]
 
 
 def without_superseded(

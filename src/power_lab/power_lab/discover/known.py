@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from power_estimator.effects import Catalogue, Effect
-from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
+from power_estimator.effects.fit.candidate_screener import CandidateScreener, Trial
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.orders import PERIODIC, orders_of_fit
-from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.evidence import Evidence, Examiner
 from wattwalk_core.arrays import Floats
@@ -28,33 +27,19 @@ def with_free_coefficient(of: Effect) -> Effect:
 
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
     """Physical effects of the catalogue that the base lacks, in each shape the signals allow."""
-    signals, whole = fitter.prepared.signals, fitter.prepared.whole
+    signals = fitter.prepared.signals
     known = {name.partition('@')[0] for name in base.names}
     effects = [
         effect if effect.fixed is None else with_free_coefficient(effect)
         for effect in catalogue.physics()
         if effect.name not in known and (effect.fixed is None or fitter.builder.base is None)
     ]
-    found = [
-        Active.of(shared_by_size(effect, signals) if whole else effect, shape)
-        for effect in effects
-        for shape in effect.tried_on(signals)
-    ]
+    found = [Active.of(effect, shape) for effect in effects for shape in effect.tried_on(signals)]
     if cogging := [active for active in found if active.name == PERIODIC]:
         orders = orders_of_fit(fitter.fit(base, iterations=3))
         effect = cogging[0].effect
         found += [Active.of(effect, shape) for shape in orders.shapes(effect, signals)]
     return list(dict.fromkeys(found))
-
-
-def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:
-    """Screen all candidates; return the result of each effect's best shape by name."""
-    best: dict[str, Trial] = {}
-    for trial in screener.fitted([[active] for active in screener.candidates]):
-        name = trial.actives[0].name
-        if name not in best or trial.error < best[name].error:
-            best[name] = trial
-    return dict(zip(best, screener.tested(list(best.values())), strict=True))
 
 
 MOST_NAMED = 3
@@ -81,63 +66,64 @@ class Named:
     @property
     def explains(self) -> float:
         """Rms power that it explains over its drives, W."""
-        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+        return explained_w(self.gain, self.drives)
+
+
+def explained_w(gain: Floats, drives: Sequence[int]) -> float:
+    """Rms power over some drives in W, of held-out gains, W² [D]."""
+    return float(np.sqrt(np.maximum(gain[list(drives)], 0.0).mean()))
+
+
+Examined = Callable[[Structure, Evidence], Evidence]
+"""Function that refits terms from a fit and returns their held-out errors."""
 
 
 def named_instead(
-    fitter: Fitter,
     examiner: Examiner,
     catalogue: Catalogue,
     structure: Structure,
     best: Evidence,
-    examined: Callable[[Structure, Evidence], Evidence],
+    examined: Examined,
     least: Floats,
     gain: float,
 ) -> Named | None:
     """Return an effect of the catalogue in place of a formula, None where none explains enough.
 
-    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. least,
-    examined: as in `best_named`.
+    It explains 95 % or more of the formula's gain (W²), alone or as the first of two. structure,
+    best: the model and its fit; least: W² [D] that counts as explained on a drive.
     """
-    first = best_named(fitter, examiner, catalogue, structure, best, examined, least)
+
+    def best_beside(structure: Structure, best: Evidence) -> Named | None:
+        """Candidate that explains most beside a model, if any is left."""
+        left = candidates(examiner.fitter, best.fit.structure, catalogue)
+        if not left:
+            return None
+        screener = CandidateScreener(examiner.fitter, examiner.folds, best.fit, left)
+        shapes: dict[str, Trial] = {}
+        for trial in screener.fitted([[active] for active in left]):
+            name = trial.actives[0].name
+            if name not in shapes or trial.error < shapes[name].error:
+                shapes[name] = trial
+        tested = screener.tested(list(shapes.values()))
+        found: list[Named] = []
+        for screened in sorted(tested, key=lambda one: float(one.mean_mse.sum()))[:_FITTED]:
+            active = screened.actives[0]
+            after = examined(structure.plus(active), best)
+            fall = best.mean_mse - after.mean_mse
+            drives = tuple(np.flatnonzero(fall >= least).tolist())
+            own = Evidence(after.fit, after.coefficients, after.mse, (active.name,))
+            if drives and active.name not in beyond_physics(own):
+                found.append(Named(active.name, active, after, fall, drives))
+        return max(found, key=lambda one: float(one.gain.sum()), default=None)
+
+    first = best_beside(structure, best)
     if first is None or first.gain.sum() < LEAST_OF_TWO * gain:
         return None
     if first.gain.sum() >= AS_GOOD * gain:
         return first
-    beside = structure.plus(first.active)
-    second = best_named(fitter, examiner, catalogue, beside, first.after, examined, least)
+    second = best_beside(structure.plus(first.active), first.after)
     both = first.gain.sum() + (0.0 if second is None else second.gain.sum())
     return first if both >= AS_GOOD * gain else None
-
-
-def best_named(
-    fitter: Fitter,
-    examiner: Examiner,
-    catalogue: Catalogue,
-    structure: Structure,
-    best: Evidence,
-    examined: Callable[[Structure, Evidence], Evidence],
-    least: Floats,
-) -> Named | None:
-    """Return the candidate of the catalogue that explains most beside a model, if any is left.
-
-    least: W² [D] that counts as explained on a drive; examined: refits terms from a fit.
-    """
-    left = candidates(fitter, best.fit.structure, catalogue)
-    if not left:
-        return None
-    screener = CandidateScreener(fitter, examiner.folds, best.fit, left)
-    order = sorted(best_shapes(screener).values(), key=lambda one: float(one.mean_mse.sum()))
-    out: list[Named] = []
-    for screened in order[:_FITTED]:
-        active = screened.actives[0]
-        after = examined(structure.plus(active), best)
-        gain = best.mean_mse - after.mean_mse
-        drives = tuple(np.flatnonzero(gain >= least).tolist())
-        own = Evidence(after.fit, after.coefficients, after.mse, (active.name,))
-        if drives and active.name not in beyond_physics(own):
-            out.append(Named(active.name, active, after, gain, drives))
-    return max(out, key=lambda one: float(one.gain.sum()), default=None)
 
 
 def same_term(

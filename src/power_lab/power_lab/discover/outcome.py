@@ -1,17 +1,17 @@
 """Discover on recordings: from files to what is printed and written."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS, Material, fit_model
-from power_estimator.judge.held_out import fitted_base
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
@@ -21,9 +21,9 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
 from power_lab.diagnose.findings import short
-from power_lab.discover.discovery import Discoverer
+from power_lab.discover.discovery import Discoverer, Show
 from power_lab.discover.effect_file import effect_source
-from power_lab.discover.found import Discovery, Found, check_bounds
+from power_lab.discover.found import Discovery, Found, check_bounds, drawn_means
 from power_lab.discover.selection import KEEPS
 from power_lab.structure.words import in_words
 
@@ -46,93 +46,49 @@ class Transfer:
     residuals: tuple[Floats, Floats]  # W [N, d], without and with it
 
 
-class OtherRecording:
-    """Another recording of the robot, on which models fitted to the first are judged."""
+def transfer_to(
+    judge: Judge, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
+) -> Transfer:
+    """Judge whether an effect lowers the error of the named drives on another recording, too.
 
-    def __init__(
-        self,
-        judge: Judge,
-        own: Material,
-        learned_on: Loaded,
-        base: str | None,
-    ) -> None:
-        """judge: of the other recording. own: what was learned on, on a base model or none."""
-        self.judge = judge
-        self.prepared = judge.prepared
-        self.blocks = Blocks.of(judge.prepared, judge.settings.fit)
-        self._under = None if base is None else fitted_base(learned_on, base)
-        self._own, self._base, self._known = own, base, learned_on.identities
-
-    def score(self, effects: Sequence[Active]) -> JudgedModel:
-        """Fit effects to the first recording, and judge them on this one."""
-        model, _ = fit_model(
-            'trial',
-            self._own,
-            effects,
-            self.judge.catalogue,
-            base=self._base,
-            fitted_on=self._known,
-        )
-        return self.judge.score(on_base(model, self._under))
-
-    def transfer(
-        self, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
-    ) -> Transfer:
-        """Judge whether an effect lowers the error of the named drives on this recording, too.
-
-        before, after: scores without and with the effect; explains: W rms, in its own recording.
-        """
-        shared = [name for name in drives if name in self.prepared.names]
-        columns = [self.prepared.names.index(name) for name in shared]
-        errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
-        parts = (before.residual[:, columns], after.residual[:, columns])
-        verdict, reason = self._verdict(parts, before, after, columns, explains)
-        return Transfer(
-            tuple(shared),
-            errors[0],
-            errors[1],
-            verdict,
-            reason,
-            self.prepared.time,
-            before.measured[:, columns],
-            parts,
-        )
-
-    def _verdict(
-        self,
-        parts: tuple[Floats, Floats],
-        before: JudgedModel,
-        after: JudgedModel,
-        columns: list[int],
-        explains: float,
-    ) -> tuple[bool | None, str]:
-        if not columns:
-            return None, 'the other recording has none of its drives'
-        moved = np.nanstd((after.estimated - before.estimated)[:, columns])
-        if moved < _LEAST_SHOWN * explains:
-            return None, f'the other recording hardly shows it ({moved:.2f} W)'
-        rows = self.blocks.rows
-        fall = np.square(parts[0]) - np.square(parts[1])
-        by_block = np.nanmean(fall[rows].reshape(len(rows), -1), axis=1)
-        by_block = by_block[np.isfinite(by_block)]
-        random = np.random.default_rng(0)
-        size = min(5, len(by_block))
-        starts = random.integers(
-            0, len(by_block) - size + 1, (_BOOTSTRAPS, -(-len(by_block) // size))
-        )
-        drawn = by_block[(starts[..., None] + np.arange(size)).reshape(_BOOTSTRAPS, -1)].mean(
-            axis=1
-        )
-        whole = float(np.nanmean(np.square(parts[0])))
-        share = float(by_block.mean()) / max(whole, 1e-12)
-        if float(np.quantile(drawn, 0.025)) > 0.0 and share >= _LEAST_FALL:
-            return True, f'it takes {share:.0%} off the squared error of the other recording'
-        return False, (
-            f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
-        )
+    judge: of that recording; before, after: scores without and with the effect; explains: W rms,
+    in its own recording.
+    """
+    prepared = judge.prepared
+    shared = [name for name in drives if name in prepared.names]
+    columns = [prepared.names.index(name) for name in shared]
+    errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
+    parts = (before.residual[:, columns], after.residual[:, columns])
+    change = (after.estimated - before.estimated)[:, columns]
+    verdict = _verdict(parts, change, explains, Blocks.of(prepared, judge.settings.fit).rows)
+    measured = before.measured[:, columns]
+    return Transfer(tuple(shared), errors[0], errors[1], *verdict, prepared.time, measured, parts)
 
 
-Show = Callable[[str], None]
+def _verdict(
+    parts: tuple[Floats, Floats], change: Floats, explains: float, rows: NDArray[np.intp]
+) -> tuple[bool | None, str]:
+    """Whether an effect transfers, and why.
+
+    parts: residuals without and with it, W [N, d]; change: of the estimate by it, W [N, d];
+    explains: as in `transfer_to`; rows: of each block [B, L].
+    """
+    if not change.size:
+        return None, 'the other recording has none of its drives'
+    moved = np.nanstd(change)
+    if moved < _LEAST_SHOWN * explains:
+        return None, f'the other recording hardly shows it ({moved:.2f} W)'
+    fall = np.square(parts[0]) - np.square(parts[1])
+    by_block = np.nanmean(fall[rows].reshape(len(rows), -1), axis=1)
+    by_block = by_block[np.isfinite(by_block)]
+    drawn = drawn_means(by_block, _BOOTSTRAPS, seed=0)
+    whole = float(np.nanmean(np.square(parts[0])))
+    share = float(by_block.mean()) / max(whole, 1e-12)
+    if float(np.quantile(drawn, 0.025)) > 0.0 and share >= _LEAST_FALL:
+        return True, f'it takes {share:.0%} off the squared error of the other recording'
+    return False, (
+        f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
+    )
 
 
 @dataclass(frozen=True)
@@ -228,20 +184,23 @@ class DiscoveryOutcome:
                 name: {
                     'rmse_w': self.before.drives[name].json()['rmse_w'],
                     'rmse_after_w': self.after.drives[name].json()['rmse_w'],
-                    'floor_w': short(float(d.floor[i])),
-                    'sensor_noise_w': _finite(float(self.own.prepared.noise[i])),
+                    'floor_w': short(floor),
+                    'sensor_noise_w': short(watts) if np.isfinite(watts) else None,
                 }
-                for i, name in enumerate(names)
+                for name, floor, watts in zip(
+                    names, d.floor.tolist(), self.own.prepared.noise.tolist(), strict=True
+                )
             },
         }
 
     def _one(self, one: Found, transfer: Transfer | None) -> dict[str, Any]:
         names = self.own.prepared.names
+        text = '' if one.formula is None else one.formula.text()
         content: dict[str, Any] = {
             'name': one.name,
             'kind': one.kind,
             'drives': [names[d] for d in one.drives],
-            'formula': _course_text(one) if one.formula is None else one.formula.text(),
+            'formula': text if one.course is None else f'P = s(t), {one.course.shape.words}',
             'bounds': {},
             'explains_w': short(one.explains),
             'interval': [short(bound) for bound in one.interval],
@@ -275,21 +234,16 @@ class DiscoveryOutcome:
             'rivals': [{'formula': text, 'leaves_w': short(watts)} for text, watts in one.rivals],
         }
         if transfer is not None:
+            before, after = (
+                dict(zip(transfer.drives, map(short, errors), strict=True))
+                for errors in (transfer.before, transfer.after)
+            )
             content['other_recording'] = {
-                'rmse_before_w': dict(
-                    zip(transfer.drives, map(short, transfer.before), strict=True)
-                ),
-                'rmse_after_w': dict(
-                    zip(transfer.drives, map(short, transfer.after), strict=True)
-                ),
+                'rmse_before_w': before,
+                'rmse_after_w': after,
                 'reason': transfer.reason,
             }
         return content
-
-
-def _course_text(one: Found) -> str:
-    assert one.course is not None
-    return f'P = s(t), {one.course.shape.words}'
 
 
 def discover(
@@ -350,19 +304,25 @@ def _tested(
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
     whole = Catalogue([*judge.catalogue.values(), *effects.values()])
-    on_test = Judge(test, whole, judge.settings)
-    other = OtherRecording(on_test, own, judge.recordings, model.base)
+    on_test, under = Judge(test, whole, judge.settings), judge.base(model.base)
+    fitted_on = judge.recordings.identities
+
+    def score(actives: Sequence[Active]) -> JudgedModel:
+        """Fit effects to the first recording, and judge them on the other one."""
+        fitted, _ = fit_model('trial', own, actives, whole, base=model.base, fitted_on=fitted_on)
+        return on_test.score(on_base(fitted, under))
+
     actives = [*model.structure.actives, *(one.active for one in discovery.named)]
-    before = other.score(actives)
+    before = score(actives)
     out: list[Transfer | None] = []
     for one in discovery.found:
         if one.written is None or one.effect is None:
             out.append(None)
             continue
         actives.append(Active.of(one.effect))
-        after = other.score(actives)
+        after = score(actives)
         names = [own.prepared.names[d] for d in one.drives]
-        out.append(other.transfer(names, before, after, one.explains))
+        out.append(transfer_to(on_test, names, before, after, one.explains))
         before = after
     return out
 
@@ -372,7 +332,3 @@ def split(bags: Sequence[Any], test: Sequence[Any]) -> tuple[list[Any], list[Any
     if test or len(bags) < 2:
         return list(bags), list(test)
     return list(bags[:-1]), list(bags[-1:])
-
-
-def _finite(value: float) -> float | None:
-    return short(value) if np.isfinite(value) else None

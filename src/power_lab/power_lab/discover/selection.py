@@ -20,7 +20,6 @@ class Expression:
 
     primitive: Primitive
     parameters: dict[str, float]
-    coefficients: Floats  # [terms]
     gain: float  # W² by row, held out, its parameters chosen anew in each fold
 
 
@@ -33,10 +32,9 @@ def express(problem: DriveProblem, shape: LearnedShape) -> list[Expression]:
         if not grid:
             continue
         found = _best(problem, shape, reduced, columns)
-        if found is None:
-            continue
-        place, coefficients, gain = found
-        out.append(Expression(primitive, grid[place], coefficients, gain))
+        if found is not None:
+            place, gain = found
+            out.append(Expression(primitive, grid[place], gain))
     return out
 
 
@@ -71,10 +69,10 @@ def _partial(problem: DriveProblem, shape: LearnedShape, fold: int) -> _Partial:
 
 def _best(
     problem: DriveProblem, shape: LearnedShape, reduced: list[_Partial], columns: Floats
-) -> tuple[int, Floats, float] | None:
+) -> tuple[int, float] | None:
     """Best of columns [n, K, k] on everything, and the held-out gain of the best of each fold."""
     chosen = [_solve(part, columns) for part in reduced]
-    place, coefficients, improvement = chosen[-1]
+    place, _, improvement = chosen[-1]
     if improvement <= 0.0:
         return None
     full = []
@@ -84,7 +82,7 @@ def _best(
         base = reduced[fold].own + reduced[fold].slope @ nodes
         full.append(np.concatenate([base, nodes]))
     error = float(shape.moments.error(np.stack(full)).sum())
-    return place, coefficients, problem.base_error - error / shape.moments.rows
+    return place, problem.base_error - error / shape.moments.rows
 
 
 def _solve(part: _Partial, columns: Floats) -> tuple[int, Floats, float]:

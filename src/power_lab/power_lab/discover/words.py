@@ -1,5 +1,6 @@
 """Names, physics as hypotheses, look-alikes and excitation of discovered effects."""
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -50,10 +51,13 @@ def effect_name(formula: Formula, taken: Collection[str]) -> str:
         name = f'{family.kind}_{"friction" if family.acts_on == "torque" else "loss"}'
     if formula.primitive.terms > 1 and name == 'position_pull':
         name = 'position_ripple'
-    number, free = 2, name
-    while free in taken:
-        free, number = f'{name}_{number}', number + 1
-    return free
+    return free_name(name, taken)
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """A name that is not taken: itself, or else `name_2` and so on."""
+    numbered = (f'{name}_{number}' for number in itertools.count(2))
+    return next(one for one in itertools.chain([name], numbered) if one not in taken)
 
 
 def look_alikes(formula: Formula) -> tuple[str, ...]:
@@ -88,12 +92,9 @@ def in_short(
         text = f'{verb} after it stood, fading over {over}: {size}'
     else:
         text = f'{verb} {where}: {size}'
-    watts = f' ({strength:.3g} W per rad/s)' if _is_friction(formula) else ''
+    is_friction = formula.unit == 'N·m' and formula.family.factor.name == 'sign'
+    watts = f' ({strength:.3g} W per rad/s)' if is_friction else ''
     return f'hypothesis: {drives[drive]} {text}{watts}'
-
-
-def _is_friction(formula: Formula) -> bool:
-    return formula.unit == 'N·m' and formula.family.factor.name == 'sign'
 
 
 def _where(formula: Formula, drive: int) -> str:

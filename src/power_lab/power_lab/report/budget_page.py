@@ -1,7 +1,7 @@
 """The page of a budget."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,16 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 from power_estimator.effects.signals.prepared import WHOLE
-from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.budget.account import Account
 from power_lab.budget.budget import Budget
 from power_lab.budget.efficiency_map import EfficiencyMap, efficiency_maps
-from power_lab.budget.families import FAMILIES, family_of
+from power_lab.budget.families import FAMILIES
 from power_lab.budget.gait_cycle import GaitCyclePower
-from power_lab.budget.tables import headline, in_words
+from power_lab.budget.tables import by_family, headline, in_words, share_cells, signed_w
 
 
 def write_budget(path: Path, budget: Budget) -> None:
@@ -60,8 +59,22 @@ def write_budget(path: Path, budget: Budget) -> None:
     page.heading('Parts')
     members = dict.fromkeys((account.first, *account.tallies))
     page.tabs({member: _table(account, member) for member in members})
-    _levers(page, budget)
-    _differences(page, budget)
+    if budget.levers:
+        page.heading('What would change it')
+        page.text('Change of the mean power at the same motion of the joints; negative saves.')
+        signed = ((in_words(one.change), signed_w(one)) for one in budget.levers)
+        rows = [[change, f'{watts} W', interval] for change, (watts, interval) in signed]
+        page.table(['change', 'mean power', '90 % interval'], rows, numbers=(1, 2))
+        for reason in budget.refused:
+            page.text(f'Not carried over: {reason}.', faint=True)
+    if len(budget.accounts) > 1:
+        page.heading(f'Against {budget.accounts[0].name}')
+        rows = [
+            [one.recording, in_words(one.effect), *signed_w(one)]
+            for one in budget.differences
+            if one.drive == account.first and one.phase == 'all'
+        ]
+        page.table(['recording', 'part', 'W', '90 % interval'], rows, numbers=(2, 3))
     page.write(path)
 
 
@@ -87,48 +100,11 @@ def _table(account: Account, member: str) -> str:
     rows: list[list[str]] = []
     for phase in account.phases:
         for place, share in enumerate(account.shares(member, phase)):
-            low, high = share.interval
-            of = '–' if share.share is None else f'{100.0 * share.share:.1f} %'
-            watts = f'{share.mean_w:.2f}', f'{low:.2f} … {high:.2f}', of, f'{share.energy_wh:.3g}'
-            rows.append(['' if place else phase, in_words(share.effect), *watts])
+            cells = *share_cells(share), f'{share.energy_wh:.3g}'
+            rows.append(['' if place else phase, in_words(share.effect), *cells])
     columns = ['phase', 'part', 'mean W', '90 % interval', 'share', 'Wh']
     page.table(columns, rows, numbers=(2, 3, 4, 5))
     return ''.join(page.parts)
-
-
-def _levers(page: Page, budget: Budget) -> None:
-    if not budget.levers:
-        return
-    page.heading('What would change it')
-    page.text('Change of the mean power at the same motion of the joints; negative saves.')
-    rows = [
-        [
-            in_words(lever.change),
-            f'{lever.mean_w:+.2f} W',
-            '{:+.2f} … {:+.2f}'.format(*lever.interval),
-        ]
-        for lever in budget.levers
-    ]
-    page.table(['change', 'mean power', '90 % interval'], rows, numbers=(1, 2))
-    for reason in budget.refused:
-        page.text(f'Not carried over: {reason}.', faint=True)
-
-
-def _differences(page: Page, budget: Budget) -> None:
-    if len(budget.accounts) < 2:
-        return
-    page.heading(f'Against {budget.accounts[0].name}')
-    rows = [
-        [
-            one.recording,
-            in_words(one.effect),
-            f'{one.mean_w:+.2f}',
-            '{:+.2f} … {:+.2f}'.format(*one.interval),
-        ]
-        for one in budget.differences
-        if one.drive == budget.account.first and one.phase == 'all'
-    ]
-    page.table(['recording', 'part', 'W', '90 % interval'], rows, numbers=(2, 3))
 
 
 _METERED: Final = '#4D4D4D'
@@ -164,13 +140,14 @@ def bars(account: Account) -> Figure:
     figure = Figure(figsize=(9, 1.6 + 0.5 * len(members)), layout='constrained')
     axes = figure.subplots()
     ends = {-1.0: np.zeros(len(members)), 1.0: np.zeros(len(members))}
-    watts = [_by_family(account, member) for member in members]
-    for family in FAMILIES:
+    watts = [by_family(account, member) for member in members]
+    for family, (words, colour, _) in FAMILIES.items():
         own = np.array([values.get(family, 0.0) for values in watts])
+        looks: Any = {'color': colour, 'label': words, **_looks(colour)}
         for sign, left in ends.items():
             part = np.where(np.sign(own) == sign, own, 0.0)
             if np.abs(part).max() > 1e-3:
-                _bar(axes, family, members, part, left)
+                axes.barh(range(len(members)), part, left=left, height=0.7, **looks)
                 left += part
     for place, member in enumerate(members):
         mean = float(account.tallies[member].means[0, 0, -1])
@@ -186,7 +163,7 @@ def bars(account: Account) -> Figure:
 
 def flow(account: Account) -> Figure:
     """Flows from the supply, and from braking joints, to where the power ends."""
-    watts = _by_family(account, account.first)
+    watts = by_family(account, account.first)
     metered, _ = account.power()
     sources = {'metered': metered}
     sources |= {name: -value for name, value in watts.items() if value < 0.0}
@@ -202,10 +179,10 @@ def flow(account: Account) -> Figure:
             words, colour, _ = FAMILIES.get(name, ('metered at the supply', _METERED, ()))
             far = side * 3.0
             _ribbon(axes, (side * trunk * 0.25, level), (far, at), value, colour)
-            share = f'{value:.1f} W' + (
-                f', {100.0 * value / metered:.0f} %' if metered > 0 else ''
-            )
-            _label(axes, far + 0.06 * side, at + 0.5 * value, side, f'{words}\n{share}')
+            share = f', {100.0 * value / metered:.0f} %' if metered > 0 else ''
+            text, place = f'{words}\n{value:.1f} W{share}', (far + 0.06 * side, at + 0.5 * value)
+            aligned = 'left' if side > 0 else 'right'
+            axes.text(*place, text, ha=aligned, va='center', fontsize=9)
             level, at = level + value, at + value + gap
     axes.add_patch(Rectangle((-0.25, 0.0), 0.5, total, color=_METERED, alpha=0.85, lw=0))
     axes.set_xlim(-5.2, 5.2)
@@ -260,21 +237,6 @@ def gait(cycle: GaitCyclePower) -> Figure:
     return figure
 
 
-def _by_family(account: Account, member: str) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for share in account.shares(member):
-        if share.effect != 'electronics' or member == WHOLE:
-            family = family_of(share.effect)
-            found[family] = found.get(family, 0.0) + share.mean_w
-    return found
-
-
-def _bar(axes: Axes, family: str, members: Sequence[str], part: Floats, left: Floats) -> None:
-    words, colour, _ = FAMILIES[family]
-    looks = _looks(colour)
-    axes.barh(range(len(members)), part, left=left, height=0.7, color=colour, label=words, **looks)
-
-
 def _looks(colour: str) -> dict[str, Any]:
     """Hatching of what has no colour."""
     return {'hatch': '////', 'edgecolor': '#808080'} if colour == 'none' else {}
@@ -302,7 +264,3 @@ def _ribbon(
     codes = [Outline.MOVETO, *curve, Outline.LINETO, *curve, Outline.CLOSEPOLY]
     looks = {'edgecolor': 'none', **_looks(colour)}
     axes.add_patch(PathPatch(Outline(points, codes), facecolor=colour, alpha=0.85, lw=0, **looks))
-
-
-def _label(axes: Axes, x: float, y: float, side: float, text: str) -> None:
-    axes.text(x, y, text, ha='left' if side > 0 else 'right', va='center', fontsize=9)

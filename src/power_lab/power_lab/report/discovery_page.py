@@ -80,9 +80,7 @@ def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
     for drive in formula.places:
         shape = one.shapes[drive]
         drawn, axes = formula_over_shape(one, drive)
-        figure = shape_and_formula(
-            shape.nodes, shape.values, standard_error(shape), drawn, shape.share, axes
-        )
+        figure = shape_and_formula(shape, drawn, axes)
         text = f'<p>{escape(formula.text(drive))}</p>'
         panels[names[drive]] = text + page.figure(figure, f'Shape on {names[drive]}')
     page.tabs(panels)
@@ -169,22 +167,17 @@ def _section_errors(page: Page, outcome: DiscoveryOutcome) -> None:
 _BAND = 'rgba(128,128,128,0.25)'
 
 
-def shape_and_formula(
-    nodes: Floats,
-    shape: Floats,
-    error: Floats,
-    formula: Floats,
-    share: Floats,
-    axes: tuple[str, str],
-) -> Figure:
+def shape_and_formula(learned: LearnedShape, formula: Floats, axes: tuple[str, str]) -> Figure:
     """Free shape with its band of two standard errors, the formula over it, and the samples below.
 
-    nodes, shape, error, formula, share: [K].
+    formula: values at the shape's nodes [K]; axes: their titles.
     """
     figure = go.Figure()
+    nodes, shape, share = learned.nodes, learned.values, learned.share
+    band = 2 * standard_error(learned)
     bars = share / max(float(share.max()), 1e-12)
-    low = float(min((shape - 2 * error).min(), formula.min()))
-    high = float(max((shape + 2 * error).max(), formula.max()))
+    low = float(min((shape - band).min(), formula.min()))
+    high = float(max((shape + band).max(), formula.max()))
     room = max(high - low, 1e-9)
     figure.add_trace(
         go.Bar(
@@ -196,7 +189,7 @@ def shape_and_formula(
             hoverinfo='skip',
         )
     )
-    edge = np.concatenate([shape + 2 * error, (shape - 2 * error)[::-1]])
+    edge = np.concatenate([shape + band, (shape - band)[::-1]])
     figure.add_trace(
         go.Scatter(
             x=short(np.concatenate([nodes, nodes[::-1]])),
@@ -212,16 +205,7 @@ def shape_and_formula(
         ('learned shape', shape, COLORS['base']),
         ('formula', formula, COLORS['better']),
     ):
-        figure.add_trace(
-            go.Scatter(
-                x=short(nodes),
-                y=short(values),
-                name=name,
-                mode='lines',
-                line={'color': color, 'width': 2.2},
-                hovertemplate='%{x}: %{y}<extra>' + name + '</extra>',
-            )
-        )
+        figure.add_trace(figures.line(nodes, values, name, color, '%{x}: %{y}', width=2.2))
     figure.update_layout(bargap=0.0)
     figure.update_xaxes(title_text=axes[0])
     figure.update_yaxes(title_text=axes[1])
@@ -229,20 +213,11 @@ def shape_and_formula(
 
 
 def acts_when(seconds: Floats, watts: Mapping[str, Floats]) -> Figure:
-    """Plot the rms power of an effect, W, over time in s, one line a drive; all [B]."""
+    """Plot the rms power of an effect, W, over time in s, a line for each of 4 drives; all [B]."""
     figure = go.Figure()
     colors = (COLORS['better'], COLORS['base'], COLORS['third'], COLORS['measured'])
-    for place, (name, values) in enumerate(watts.items()):
-        figure.add_trace(
-            go.Scatter(
-                x=short(seconds),
-                y=short(values),
-                name=name,
-                mode='lines',
-                line={'color': colors[place % len(colors)], 'width': 1.4},
-                hovertemplate='%{x} s: %{y} W<extra></extra>',
-            )
-        )
+    for color, (name, values) in zip(colors, watts.items(), strict=False):
+        figure.add_trace(figures.line(seconds, values, name, color))
     figure.update_xaxes(title_text='time in s')
     figure.update_yaxes(title_text='effect in W rms', rangemode='tozero')
     return finished(figure, legend=True)
@@ -257,17 +232,7 @@ def before_and_after(
         ('without', before, COLORS['base']),
         ('with', after, COLORS['better']),
     ):
-        figure.add_trace(
-            go.Bar(
-                x=list(drives),
-                y=short(values),
-                name=name,
-                text=[f'{value:.2f} W' for value in values],
-                textposition='outside',
-                cliponaxis=False,
-                marker={'color': color},
-            )
-        )
+        figure.add_trace(figures.told_bars(drives, values, name=name, marker={'color': color}))
     top = max([*before, *after, 1e-9])
     figure.update_yaxes(title_text='RMS error in W', range=[0.0, 1.18 * top])
     figure.update_layout(barmode='group')

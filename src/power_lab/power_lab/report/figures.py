@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from plotly.subplots import make_subplots
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel, over_meters
@@ -37,14 +37,13 @@ def traces(
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.04
     )
-    shown = _line(t, measured[part], 'measured', COLORS['measured'], width=2.6)
+    shown = line(t, measured[part], 'measured', COLORS['measured'], width=2.6)
     figure.add_trace(shown, row=1, col=1)
     for (name, residual), color in zip(residuals.items(), LINES, strict=False):
         estimated = measured[part] - residual[part]
-        figure.add_trace(_line(t, estimated, name, color), row=1, col=1)
-        figure.add_trace(
-            _line(t, -residual[part], f'error of {name}', color, legend=False), row=2, col=1
-        )
+        figure.add_trace(line(t, estimated, name, color), row=1, col=1)
+        error = line(t, -residual[part], f'error of {name}', color, showlegend=False)
+        figure.add_trace(error, row=2, col=1)
     figure.add_hrect(
         y0=-floor, y1=floor, row=2, col=1, line_width=0, fillcolor=COLORS['grid'], layer='below'
     )
@@ -58,15 +57,17 @@ def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: 
     """Map of the mean error over torque and speed [N], W; red: too high; limit: end of colours."""
     good = np.isfinite(residual)
     x, y, z = velocity[good], torque[good], -residual[good]
-    edges = [_edges(x), _edges(y)]
-    sums, *_ = np.histogram2d(y, x, bins=[edges[1], edges[0]], weights=z)
-    rows, *_ = np.histogram2d(y, x, bins=[edges[1], edges[0]])
+    ends = (np.quantile(values, [0.003, 0.997]).tolist() for values in (y, x))
+    edges = [np.linspace(low, high + 1e-9, _MAP_BINS + 1) for low, high in ends]
+    sums, *_ = np.histogram2d(y, x, bins=edges, weights=z)
+    rows, *_ = np.histogram2d(y, x, bins=edges)
+    torques, speeds = (short(0.5 * (own[1:] + own[:-1])) for own in edges)
     with np.errstate(invalid='ignore'):
         mean = np.where(rows >= 5, sums / rows, np.nan)
     figure = go.Figure(
         go.Heatmap(
-            x=short(_middles(edges[0])),
-            y=short(_middles(edges[1])),
+            x=speeds,
+            y=torques,
             z=short(mean),
             zmin=-limit,
             zmax=limit,
@@ -92,18 +93,9 @@ def error_over(
         found = bins(values, residual)
         if len(found) < 3:
             return None
-        middles = [0.5 * (b.low + b.high) for b in found]
-        figure.add_trace(
-            go.Scatter(
-                x=short(middles),
-                y=short([b.mean for b in found]),
-                name=name,
-                mode='lines+markers',
-                line={'color': color, 'width': 2},
-                marker={'size': 5},
-                hovertemplate='%{x}: %{y} W<extra>' + name + '</extra>',
-            )
-        )
+        middles, means = [0.5 * (b.low + b.high) for b in found], [b.mean for b in found]
+        looks = {'mode': 'lines+markers', 'marker': {'size': 5}}
+        figure.add_trace(line(middles, means, name, color, '%{x}: %{y} W', width=2, **looks))
     figure.add_hline(y=0.0, line_width=1, line_color=COLORS['line'])
     figure.update_xaxes(title_text=f'{key.replace("_", " ")} in {unit or UNITS.get(key, "")}')
     figure.update_yaxes(title_text='mean error in W')
@@ -143,42 +135,6 @@ def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bo
     return finished(figure)
 
 
-def staircase(
-    steps: Sequence[str],
-    errors: Sequence[float],
-    lines: Mapping[str, float],
-) -> Figure:
-    """Bars of the held-out error of each model, W; lines: levels to draw across, W by name."""
-    colors = [COLORS['base']] + [COLORS['better']] * (len(steps) - 1)
-    figure = go.Figure(
-        go.Bar(
-            x=list(steps),
-            y=short(errors),
-            text=[f'{error:.2f} W' for error in errors],
-            textposition='outside',
-            cliponaxis=False,
-            marker={'color': colors},
-            hovertemplate='%{x}: %{y} W<extra></extra>',
-        )
-    )
-    for (name, level), dash in zip(lines.items(), ('dash', 'dot', 'dashdot') * 3, strict=False):
-        figure.add_hline(
-            y=level,
-            line={'color': COLORS['third'] if dash == 'dash' else COLORS['faint'], 'dash': dash},
-            annotation={
-                'text': f'{name} {level:.2f} W',
-                'font': {'color': COLORS['text']},
-                'bgcolor': COLORS['ground'],
-            },
-            annotation_position='top right',
-        )
-    figure.update_layout(bargap=0.55)
-    top = max([*errors, *lines.values()])
-    figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
-    figure.update_xaxes(automargin=True)
-    return finished(figure)
-
-
 _DIVERGING = [
     [0.0, '#2166ac'],
     [0.25, '#67a9cf'],
@@ -188,27 +144,42 @@ _DIVERGING = [
 ]
 
 
-def _line(
-    x: Floats, y: Floats, name: str, color: str, *, width: float = 1.4, legend: bool = True
+def line(
+    x: ArrayLike,
+    y: ArrayLike,
+    name: str,
+    color: str,
+    told: str = '%{x} s: %{y} W',
+    *,
+    width: float = 1.4,
+    **looks: Any,
 ) -> go.Scatter:
+    """Line of y over x [N]; told: what a place on it says; looks: as plotly has them."""
     return go.Scatter(
         x=short(x),
         y=short(y),
         name=name,
-        mode='lines',
-        showlegend=legend,
         line={'color': color, 'width': width},
-        hovertemplate='%{x} s: %{y} W<extra>' + name + '</extra>',
+        hovertemplate=f'{told}<extra>{name}</extra>',
+        **{'mode': 'lines', **looks},
     )
 
 
-def _edges(values: Floats) -> Floats:
-    low, high = np.quantile(values, [0.003, 0.997]).tolist()
-    return np.linspace(low, high + 1e-9, _MAP_BINS + 1)
+def told_bars(names: Sequence[str], watts: Sequence[float], **looks: Any) -> go.Bar:
+    """Bars of errors in W, each with its value above it; looks: as plotly has them."""
+    return go.Bar(
+        x=list(names),
+        y=short(watts),
+        text=[f'{value:.2f} W' for value in watts],
+        textposition='outside',
+        cliponaxis=False,
+        **looks,
+    )
 
 
-def _middles(edges: Floats) -> Floats:
-    return 0.5 * (edges[1:] + edges[:-1])
+def noise_w(noise: Floats) -> float:
+    """Rms noise of all meters, W, from that of each, W [M]; unknown ones count as 0."""
+    return float(np.sqrt(np.nan_to_num(np.square(noise)).mean()))
 
 
 @dataclass(frozen=True)
@@ -243,7 +214,7 @@ class Stairs:
         return cls(
             (*names, *(one.name for one in judged[len(last) :])),
             (*errors, *(one.rms_w for one in judged)),
-            float(np.sqrt(np.nan_to_num(np.square(noise)).mean())),
+            noise_w(noise),
         )
 
     def __str__(self) -> str:
@@ -253,7 +224,28 @@ class Stairs:
 
     def figure(self, lines: Mapping[str, float] | None = None) -> Figure:
         """Draw the errors as bars; lines: errors of other models to draw across, W by name."""
-        return staircase(self.steps, self.errors, {'sensor noise': self.noise, **(lines or {})})
+        across = {'sensor noise': self.noise, **(lines or {})}
+        colors = [COLORS['base']] + [COLORS['better']] * (len(self.steps) - 1)
+        looks = {'marker': {'color': colors}, 'hovertemplate': '%{x}: %{y} W<extra></extra>'}
+        figure = go.Figure(told_bars(self.steps, self.errors, **looks))
+        dashes = ('dash', 'dot', 'dashdot') * 3
+        for (name, level), dash in zip(across.items(), dashes, strict=False):
+            color = COLORS['third'] if dash == 'dash' else COLORS['faint']
+            figure.add_hline(
+                y=level,
+                line={'color': color, 'dash': dash},
+                annotation={
+                    'text': f'{name} {level:.2f} W',
+                    'font': {'color': COLORS['text']},
+                    'bgcolor': COLORS['ground'],
+                },
+                annotation_position='top right',
+            )
+        figure.update_layout(bargap=0.55)
+        top = max([*self.errors, *across.values()])
+        figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
+        figure.update_xaxes(automargin=True)
+        return finished(figure)
 
 
 def _comparable(entry: Mapping[str, Any], judged: JudgedModel, loaded: Loaded) -> bool:

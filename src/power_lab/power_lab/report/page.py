@@ -1,23 +1,24 @@
 """The two pages of the lab: a diagnosis, and a comparison."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import WHOLE, Prepared
-from power_estimator.judge.result import over_meters
+from power_estimator.judge.result import JudgedModel, over_meters
 from power_estimator.posterior.sensors import SENSORS
 from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
+from power_lab.compare.regimes import Regime
 from power_lab.diagnose.findings import UNLIKELY, certainty
 from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
-from power_lab.report.figures import Stairs
+from power_lab.report.figures import Stairs, noise_w
 from power_lab.structure.words import in_words, verdict_in_words
 
 _HIGHEST = 2.5  # times the highest error, of lines that are drawn
@@ -48,20 +49,9 @@ def write_diagnosis(
         }
     )
     judged = outcome.judged
-    found = judged.comparison
     shown = [judged.before] if judged.after is judged.before else [judged.before, judged.after]
-    residuals = {one.name: one.residual for one in shown}
-    noise = dict(zip(found.prepared.names, found.prepared.noise.tolist(), strict=True))
-    _section_traces(page, found.prepared, shown[-1].measured, residuals, noise)
-    _section_failures(
-        page,
-        found.prepared,
-        shown[-1].measured,
-        residuals,
-        found.state,
-        found.labels,
-        [regime.text for regime in judged.regimes],
-    )
+    _section_traces(page, judged.comparison.prepared, shown)
+    _section_failures(page, judged.comparison, shown, judged.comparison.regimes[0])
     _section_candidates(page, outcome)
     _section_next(page, outcome)
     others = compare(outcome.loaded, list(also), catalogue).json()['models'] if also else []
@@ -74,7 +64,7 @@ def write_diagnosis(
 def write_comparison(path: Path, comparison: Comparison) -> None:
     """Write the HTML page of a comparison."""
     content = comparison.json()
-    models = sorted(content['models'], key=lambda model: _error(model))
+    models = sorted(content['models'], key=_error)
     page = Page('Comparison of power models')
     page.add('<p class="kind no_evidence">Comparison</p>')
     page.add(f'<h1 id="verdict">{escape(closest(models))}</h1>')
@@ -88,54 +78,32 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     )
     rows = []
     for model in models:
+        heads = model['name'], model['held_out']
         for drive, scores in [*model['drives'].items(), ('all drives', model['total'])]:
-            rows.append(
-                [
-                    model['name'] if drive == prepared.names[0] else '',
-                    drive,
-                    *(_cell(scores[key]) for key in ('r2', 'rmse_w', 'bias_w', 'error_j')),
-                    model['held_out'] if drive == prepared.names[0] else '',
-                ]
-            )
+            cells = (_cell(scores[key]) for key in ('r2', 'rmse_w', 'bias_w', 'error_j'))
+            rows.append([heads[0], drive, *cells, heads[1]])
+            heads = '', ''
     page.heading('Errors')
     page.table(
         ['model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'kept apart by'],
         rows,
         numbers=(2, 3, 4, 5),
     )
-    order = [model['name'] for model in models][: len(figures.LINES)]
-    judged = {one.name: one for one in comparison.models}
-    of_best = next(i for i, one in enumerate(comparison.models) if one.name == order[0])
-    residuals = {name: judged[name].residual for name in reversed(order)}
-    measured = judged[order[0]].measured
-    noise_by_drive = dict(zip(prepared.names, prepared.noise, strict=True))
-    _section_traces(page, prepared, measured, residuals, noise_by_drive)
-    regimes = [regime.text for regime in comparison.regimes[of_best]]
-    _section_failures(
-        page, prepared, measured, residuals, comparison.state, comparison.labels, regimes
-    )
-    noise = float(np.sqrt(np.nan_to_num(np.square(prepared.noise)).mean()))
+    by_name = {one.name: one for one in comparison.models}
+    best_last = [by_name[model['name']] for model in models[: len(figures.LINES)]][::-1]
+    _section_traces(page, prepared, best_last)
+    of_best = [one.name for one in comparison.models].index(best_last[-1].name)
+    _section_failures(page, comparison, best_last, comparison.regimes[of_best])
+    steps = tuple(model['name'] for model in reversed(models))
+    errors = tuple(map(_error, reversed(models)))
+    figure = Stairs(steps, errors, noise_w(prepared.noise)).figure()
     page.heading('Side by side')
-    page.add(
-        page.figure(
-            figures.staircase(
-                [model['name'] for model in reversed(models)],
-                [_error(model) for model in reversed(models)],
-                {'sensor noise': noise},
-            ),
-            'Held-out error of each model',
-        )
-    )
+    page.add(page.figure(figure, 'Held-out error of each model'))
     page.write(path)
 
 
-def _section_traces(
-    page: Page,
-    prepared: Prepared,
-    measured: Floats,
-    residuals: Mapping[str, Floats],
-    noise: Mapping[str, float],
-) -> None:
+def _section_traces(page: Page, prepared: Prepared, shown: Sequence[JudgedModel]) -> None:
+    """Measured power and the estimates of some models, the last one's delay taken out."""
     page.heading('Measured against model')
     page.text(
         (
@@ -148,56 +116,47 @@ def _section_traces(
         faint=True,
     )
     panels = {}
-    for column in _worst_first(residuals):
-        name = prepared.names[column]
-        own, power = (
-            {key: values[:, column] for key, values in residuals.items()},
-            measured[:, column],
-        )
-        figure = (
-            _points(power, own)
-            if prepared.steady
-            else figures.traces(
-                prepared.time, power, own, float(noise[name]), prepared.reducer.stretches()
-            )
-        )
+    for column in _worst_first(shown[0].residual):
+        name, power = prepared.names[column], shown[-1].measured[:, column]
+        own = {one.name: one.residual[:, column] for one in shown}
+        if prepared.steady:
+            order = np.argsort(power)
+            own = {key: values[order] for key, values in own.items()}
+            counted, axis = np.arange(len(order), dtype=np.float64), 'operating points by power'
+            figure = figures.traces(counted, power[order], own, 0.0, axis=axis)
+        else:
+            gap_free = prepared.reducer.stretches()
+            noise = float(prepared.noise[column])
+            figure = figures.traces(prepared.time, power, own, noise, gap_free)
         panels[name] = page.figure(figure, f'Power of {name} over time', size='tall')
     page.tabs(panels)
 
 
-def _points(power: Floats, residuals: Mapping[str, Floats]) -> figures.Figure:
-    order = np.argsort(power)
-    own = {name: values[order] for name, values in residuals.items()}
-    counted = np.arange(len(order), dtype=np.float64)
-    whole = [slice(0, len(order))]
-    return figures.traces(counted, power[order], own, 0.0, whole, 'operating points by power')
+def _items(page: Page, texts: Iterable[str]) -> None:
+    items = ''.join(f'<li>{escape(text)}</li>' for text in texts)
+    page.add(f'<ul class="regimes">{items}</ul>')
 
 
 def _section_failures(
-    page: Page,
-    prepared: Prepared,
-    measured: Floats,
-    residuals: Mapping[str, Floats],
-    state: Mapping[str, Floats],
-    labels: Mapping[str, NDArray[np.str_]],
-    regimes: Sequence[str],
+    page: Page, found: Comparison, shown: Sequence[JudgedModel], regimes: Sequence[Regime]
 ) -> None:
+    """Errors of some models over state and groups; the map is of the first one."""
     page.heading('Where it fails')
     if regimes:
-        items = ''.join(f'<li>{escape(text)}</li>' for text in regimes)
-        page.add(f'<ul class="regimes">{items}</ul>')
+        _items(page, (regime.text for regime in regimes))
     legend = ', '.join(
-        f'{color}: {name}' for color, name in zip(_COLOR_NAMES, residuals, strict=False)
+        f'{color}: {one.name}' for color, one in zip(_COLOR_NAMES, shown, strict=False)
     )
     page.text(
         'Mean error (model − measured) over the state of each drive; the map is of '
-        f'{next(iter(residuals))}. Lines and bars: {legend}.',
+        f'{shown[0].name}. Lines and bars: {legend}.',
         faint=True,
     )
     panels = {}
-    residuals = {key: by_drive(values, prepared) for key, values in residuals.items()}
-    measured = by_drive(measured, prepared)
-    for column in _worst_first(residuals):
+    prepared, state = found.prepared, found.state
+    residuals = {one.name: by_drive(one.residual, prepared) for one in shown}
+    measured = by_drive(shown[-1].measured, prepared)
+    for column in _worst_first(residuals[shown[0].name]):
         name = prepared.signals.names[column]
         own = {key: values[:, column] for key, values in residuals.items()}
         first = next(iter(own.values()))
@@ -219,7 +178,7 @@ def _section_failures(
                 places.append(page.figure(figure, f'Error of {name} over {key}', size='low'))
         power = measured[:, column]
         groups = {'drawing': power >= 0, 'giving back': power < 0}
-        for words in labels.values():
+        for words in found.labels.values():
             kinds = [kind for kind in np.unique(words[:, column]) if kind]
             if len(kinds) > 1:
                 groups.update({str(kind): words[:, column] == kind for kind in kinds})
@@ -270,7 +229,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         numbers=(1, 2, 4, 5),
         bold=[i for i, row in enumerate(rows) if row.name in diagnosis.effects],
     )
-    regimes = outcome.judged.regimes_after
+    regimes = outcome.judged.comparison.regimes[-1]
     if regimes and diagnosis.residual is not None:
         page.text(f'What is left is most at {regimes[0].text}.')
 
@@ -280,11 +239,7 @@ def _section_next(page: Page, outcome: Outcome) -> None:
     ties = sorted({row.family for row in outcome.diagnosis.candidates if '/' in row.family})
     if ties:
         page.text('No recording like this one can tell these apart:')
-        items = ''.join(
-            f'<li>{escape(" = ".join(in_words(name) for name in tie.split("/")))}</li>'
-            for tie in ties
-        )
-        page.add(f'<ul class="regimes">{items}</ul>')
+        _items(page, (' = '.join(map(in_words, tie.split('/'))) for tie in ties))
     else:
         page.text('No two effects explain exactly the same in this recording.')
     motion = outcome.motion
@@ -296,15 +251,13 @@ def _section_next(page: Page, outcome: Outcome) -> None:
     )
 
 
-def _section_staircase(
-    page: Page, outcome: Outcome, others: Sequence[Mapping[str, object]]
-) -> None:
+def _section_staircase(page: Page, outcome: Outcome, others: Sequence[Mapping[str, Any]]) -> None:
     page.heading('The error falls')
     judged = outcome.judged
     noise = outcome.prepared.noise
     stairs = Stairs.of(outcome.model.history, judged.steps, outcome.loaded, noise)
     highest = _HIGHEST * max(stairs.errors)
-    errors = {str(model['name']): _error(model) for model in others}
+    errors = {model['name']: _error(model) for model in others}
     high = [f'{name} {error:.1f} W' for name, error in errors.items() if error > highest]
     lines = {name: error for name, error in errors.items() if error <= highest}
     page.add(page.figure(stairs.figure(lines), 'Error from base to better', size='mid'))
@@ -359,19 +312,17 @@ def _section_reading(page: Page) -> None:
     )
 
 
-def _worst_first(residuals: Mapping[str, Floats]) -> list[int]:
-    """Columns of the drives, the one with the largest error of the first model first."""
-    size = np.nanmean(np.square(next(iter(residuals.values()))), axis=0)
+def _worst_first(residual: Floats) -> list[int]:
+    """Columns of a residual [N, D], the one with the largest error first."""
+    size = np.nanmean(np.square(residual), axis=0)
     return [int(column) for column in np.argsort(-np.nan_to_num(size))]
 
 
-def closest(models: Sequence[Mapping[str, object]]) -> str:
+def closest(models: Sequence[Mapping[str, Any]]) -> str:
     """Name the model with the least error in a sentence; models: those of `Comparison.json`."""
     order = sorted(models, key=_error)
     best, worst = order[0], order[-1]
-    drives = best['drives']
-    assert isinstance(drives, Mapping)
-    robot = list(drives) == [WHOLE]
+    robot = [*best['drives']] == [WHOLE]
     each, over = ('', '') if robot else (' for each drive', ' over the drives')
     text = f'{best["name"]} is {_error(best):.2f} W off{each}'
     if worst is not best:
@@ -380,10 +331,8 @@ def closest(models: Sequence[Mapping[str, object]]) -> str:
     return f'{text} (root mean square{over}, held-out data).'
 
 
-def _error(model: Mapping[str, object]) -> float:
-    drives = model['drives']
-    assert isinstance(drives, Mapping)
-    return over_meters(scores['rmse_w'] for scores in drives.values())
+def _error(model: Mapping[str, Any]) -> float:
+    return over_meters(scores['rmse_w'] for scores in model['drives'].values())
 
 
 def _cell(value: float | None) -> str:

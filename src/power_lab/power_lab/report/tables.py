@@ -1,6 +1,6 @@
 """Results as tables on a terminal."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -80,10 +80,9 @@ def print_model(console: Console, model: EffectModel) -> None:
 def _fitted_table(
     title: str, head: str, rows: Sequence[_FittedRow], groups: Sequence[str]
 ) -> Table:
-    table = _table(f'{title} with 95 % intervals')
     long = len(groups) > _ABREAST
-    for name in (head, 'unit', *(('drive', 'value') if long else groups)):
-        table.add_column(name, justify='left' if name in (head, 'unit', 'drive') else 'right')
+    columns = (head, 'unit', *(('drive', 'value') if long else groups))
+    table = _table(f'{title} with 95 % intervals', columns, (head, 'unit', 'drive'))
     for label, unit, values in rows:
         cells = [
             '{:.3g}{}\n({:.3g} … {:.3g})'.format(one.value, _mark(one), *one.interval)
@@ -100,9 +99,8 @@ def _fitted_table(
 
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
     """Print errors by model and drive, and where they are worst; content: of `Comparison.json`."""
-    table = _table(f'held-out errors over {content["extent"]}')
-    for column in ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J'):
-        table.add_column(column, justify='left' if column in ('model', 'drive') else 'right')
+    columns = ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J')
+    table = _table(f'held-out errors over {content["extent"]}', columns, ('model', 'drive'))
     for model in content['models']:
         rows = [*model['drives'].items(), ('total', model['total'])]
         for index, (drive, scores) in enumerate(rows):
@@ -144,11 +142,9 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     for note in content['notes'][bool(outcome.headline) :]:
         console.print(note)
     console.print(f'active effects: {", ".join(content["active"]) or "none"}')
-    table = _table('candidates: probability that each is missing, and watts that it explains')
-    for column in ('effect', 'probability', 'W', '95 %', 'share', 'alone W', 'coefficient'):
-        table.add_column(
-            column, justify='left' if column in ('effect', 'coefficient') else 'right'
-        )
+    title = 'candidates: probability that each is missing, and watts that it explains'
+    columns = ('effect', 'probability', 'W', '95 %', 'share', 'alone W', 'coefficient')
+    table = _table(title, columns, ('effect', 'coefficient'))
     shown = candidates_to_show(outcome.diagnosis)
     for one in shown:
         low, middle, high = one.explains
@@ -164,9 +160,9 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     console.print(table)
     if more := len(outcome.diagnosis.candidates) - len(shown):
         console.print(f'and {more} less probable; all are in --json and --report')
-    terms = _table('measurement: error if its faults are ignored')
-    for column in ('error', 'W', 'value', '95 % interval', 'significant'):
-        terms.add_column(column, justify='right' if column == 'W' else 'left')
+    title = 'measurement: error if its faults are ignored'
+    texts = ('value', '95 % interval', 'significant')
+    terms = _table(title, ('error', 'W', *texts), ('error', *texts))
     for name, term in content['measurement'].items():
         low, high = term['interval']
         terms.add_row(
@@ -177,14 +173,18 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             'yes' if term['matters'] else '',
         )
     console.print(terms)
-    for regime in outcome.judged.regimes[:3]:
+    for regime in outcome.judged.comparison.regimes[0][:3]:
         console.print(f'the model fails at {regime.text}')
     motion = outcome.motion
     console.print(f'to record next ({motion.seconds:.0f} s): {motion.reason}')
 
 
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
+def _table(title: str, columns: Sequence[str], left: Collection[str]) -> Table:
+    """An empty table; left: columns of text, as numbers are set to the right."""
+    table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in columns:
+        table.add_column(name, justify='left' if name in left else 'right')
+    return table
 
 
 def _mark(one: FittedValue) -> str:
@@ -214,22 +214,18 @@ def print_discovery(console: Console, outcome: DiscoveryOutcome) -> None:
     for one, transfer in zip(outcome.discovery.found, outcome.transfers, strict=True):
         told = None if transfer is None else transfer.transfers
         word = {None: '–', True: 'yes', False: 'no'}[told]
-        for place, drive in enumerate(one.drives):
-            first = place == 0
-            table.add_row(
-                escape(one.name) if first else '',
-                one.kind if first else '',
-                escape(printable(names[drive])),
-                f'{max(float(one.gain[drive]), 0.0) ** 0.5:.2f} W',
-                f'{one.interval[0]:.2f}–{one.interval[1]:.2f} W' if first else '',
-                word if first else '',
-            )
+        cells = escape(one.name), one.kind, '{:.2f}–{:.2f} W'.format(*one.interval), word
+        for drive in one.drives:
+            name, kind, interval, transfers = cells
+            watts = f'{max(float(one.gain[drive]), 0.0) ** 0.5:.2f} W'
+            table.add_row(name, kind, escape(printable(names[drive])), watts, interval, transfers)
+            cells = ('',) * 4
     console.print(table)
     for one in outcome.discovery.found:
-        for drive in one.drives if one.formula is not None else ():
-            assert one.formula is not None
-            formula = printable(one.formula.text(drive))
-            console.print(escape(f'{one.name} on {printable(names[drive])}: {formula}'))
+        if one.formula is not None:
+            for drive in one.drives:
+                formula = printable(one.formula.text(drive))
+                console.print(escape(f'{one.name} on {printable(names[drive])}: {formula}'))
 
 
 def power_balances(data: AlignedDataset) -> dict[str, ShaftBalance]:
@@ -237,15 +233,11 @@ def power_balances(data: AlignedDataset) -> dict[str, ShaftBalance]:
     power, supply, torque, velocity = (
         each.astype(np.float64) for each in (data.power, data.supply, data.torque, data.velocity)
     )
-    measured = data.measured_drives()
-    if measured:
-        columns = {name: data.names.index(name) for name in measured}
-        found = {
-            name: power_balance(power[:, column], torque[:, column], velocity[:, column])
-            for name, column in columns.items()
-        }
-    else:
-        found = {'robot': power_balance(supply, torque, velocity)}
+    columns = {name: data.names.index(name) for name in data.measured_drives()}
+    found = {
+        name: power_balance(power[:, column], torque[:, column], velocity[:, column])
+        for name, column in columns.items()
+    } or {'robot': power_balance(supply, torque, velocity)}
     return {name: balance for name, balance in found.items() if balance is not None}
 
 

@@ -75,34 +75,30 @@ class Family:
 
 def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
     """Values of the driver at each sample [T]; drive: index of its drive."""
-    scope = {
-        'np': np,
-        'signals': signals,
-        'column': drive,
-        'other': signals.names.index(driver.other) if driver.other else drive,
-        'given': driver.given,
-        'rate': signals.rate,
-        'standstill': float(signals.scale.standstill[drive]),
-        'by_stretch': by_stretch,
-        'lagged': lagged,
-        'after_rest': after_rest,
-        'play': play,
-    }
-    return np.asarray(eval(driver.code, scope), dtype=np.float64)
+    other = signals.names.index(driver.other) if driver.other else drive
+    return _values(driver.code, signals, drive, other=other, given=driver.given)
 
 
 def factor_values(factor: Factor, signals: Signals, drive: int) -> Floats | float:
     """Values of the factor [T] in its unit; 1.0 for the factor without code."""
-    if not factor.code:
-        return 1.0
+    return _values(factor.code, signals, drive) if factor.code else 1.0
+
+
+def _values(code: str, signals: Signals, drive: int, **more: object) -> Floats:
+    """Values [T] of a Python expression that the lines above it in an effect file give names."""
     scope = {
         'np': np,
         'smooth_sign': smooth_sign,
+        'signals': signals,
+        'column': drive,
+        'rate': signals.rate,
+        'standstill': float(signals.scale.standstill[drive]),
         'velocity': signals.motor_velocity[:, drive],
         'torque': signals.torque[:, drive],
-        'standstill': float(signals.scale.standstill[drive]),
+        **{state.__name__: state for state in (by_stretch, lagged, after_rest, play)},
+        **more,
     }
-    return np.asarray(eval(factor.code, scope), dtype=np.float64)
+    return np.asarray(eval(code, scope), dtype=np.float64)
 
 
 def families(signals: Signals, drive: int) -> Iterator[Family]:

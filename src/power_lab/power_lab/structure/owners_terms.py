@@ -1,6 +1,5 @@
 """Coefficients of effects in the terms of a drive's owner, beside the textbook's values."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,68 +49,56 @@ def in_owners_terms(
     active: Active, symbol: str, value: float, interval: tuple[float, float], drive: DriveAtWork
 ) -> str:
     """A coefficient and its interval as a data sheet has it; '' where there is no such term."""
-    read = _READ.get((active.name, symbol))
-    found = None if read is None else read(active, drive)
-    if found is None or not np.isfinite(found[1](value)):
+
+    def read(number: float) -> float:
+        if active.name == 'spring':
+            return 1.0 / number if number > 0.0 else np.inf
+        return factor * number
+
+    text, factor = _text_and_factor(active, symbol, drive)
+    if not text or not np.isfinite(read(value)):
         return ''
-    text, convert = found
-    low, high = sorted(convert(bound) for bound in interval)
-    return text.format(f'{_digits(convert(value))} ({_digits(low)} … {_digits(high)})')
+    low, high = sorted(map(read, interval))
+    return text.format(f'{_digits(read(value))} ({_digits(low)} … {_digits(high)})')
 
 
 def _digits(value: float) -> str:
     return f'{value:.0f}' if 100.0 <= abs(value) < 1e5 else f'{value:.3g}'
 
 
-_Reading = tuple[str, Callable[[float], float]]
-_Read = Callable[[Active, DriveAtWork], _Reading | None]
-
-
-def _times(factor: float, text: str) -> _Reading:
-    return text, lambda value: factor * value
-
-
-def _copper(_active: Active, drive: DriveAtWork) -> _Reading:
-    if np.isfinite(drive.torque_constant):
-        return _times(drive.torque_constant**2, '{} W/A² in the winding')
-    return _times(drive.load**2, f'{{}} W at {drive.load:.3g} N·m')
-
-
-def _heating(active: Active, drive: DriveAtWork) -> _Reading | None:
-    if active.parameters.get('time_constant') or drive.copper <= 0.0:
-        return None  # growth with a temperature that nobody measured
-    text = f'the winding gains {{}} %/K; copper: {100 * COPPER:.2g}'
-    return _times(100 * COPPER / drive.copper, text)
-
-
-def _by_current(_active: Active, drive: DriveAtWork) -> _Reading:
-    if np.isfinite(drive.torque_constant):
-        return _times(drive.torque_constant, '{} W/A of motor current')
-    return _times(drive.load, f'{{}} W at {drive.load:.3g} N·m')
-
-
-_READ: dict[tuple[str, str], _Read] = {
-    ('copper_loss', 'k'): _copper,
-    ('winding_heating', 'c'): _heating,
-    ('saturation', 'c'): lambda _, drive: _times(drive.load**4, f'{{}} W at {drive.load:.3g} N·m'),
-    ('motor_saturation', 's'): lambda _, drive: _times(
-        100.0 * drive.load**2, f'{{}} % of the torque at {drive.load:.3g} N·m'
-    ),
-    ('magnet_heating', 'alpha'): lambda *_: _times(100.0, 'the magnets lose {} %/K'),
-    ('inverter_loss', 'a'): _by_current,
-    ('inverter_loss', 's'): _by_current,
-    ('iron_loss', 'h'): lambda _, drive: _times(drive.speed, f'{{}} W at {drive.speed:.3g} rad/s'),
-    ('iron_loss', 'e'): lambda _, drive: _times(
-        drive.speed**2, f'{{}} W at {drive.speed:.3g} rad/s'
-    ),
-    ('line_resistance', 'Rl'): lambda *_: _times(1000.0, '{} mΩ in the supply line'),
-    ('load_friction', 'c'): lambda *_: _times(100.0, 'the gear takes {} % of the load'),
-    ('regeneration_efficiency', '1 − eta'): lambda *_: _times(
-        100.0, '{} % of what flows back is lost'
-    ),
-    ('regeneration_limit', 'b'): lambda *_: _times(100.0, '{} % of what flows back is blocked'),
-    ('spring', '1/ks'): lambda *_: (
-        '{} N·m/rad',
-        lambda value: 1.0 / value if value > 0.0 else np.inf,
-    ),
-}
+def _text_and_factor(active: Active, symbol: str, drive: DriveAtWork) -> tuple[str, float]:
+    """Text of a coefficient, '' for none, and the factor to its unit; a spring's is inverted."""
+    constant, load, speed = drive.torque_constant, drive.load, drive.speed
+    at_load, at_speed = f'{{}} W at {load:.3g} N·m', f'{{}} W at {speed:.3g} rad/s'
+    by_current = bool(np.isfinite(constant))
+    match active.name, symbol:
+        case 'copper_loss', 'k':
+            return ('{} W/A² in the winding', constant**2) if by_current else (at_load, load**2)
+        case 'inverter_loss', 'a' | 's':
+            return ('{} W/A of motor current', constant) if by_current else (at_load, load)
+        case 'winding_heating', 'c':
+            if active.parameters.get('time_constant') or drive.copper <= 0.0:
+                return '', np.nan  # growth with a temperature that nobody measured
+            text = f'the winding gains {{}} %/K; copper: {100 * COPPER:.2g}'
+            return text, 100 * COPPER / drive.copper
+        case 'saturation', 'c':
+            return at_load, load**4
+        case 'motor_saturation', 's':
+            return f'{{}} % of the torque at {load:.3g} N·m', 100.0 * load**2
+        case 'magnet_heating', 'alpha':
+            return 'the magnets lose {} %/K', 100.0
+        case 'iron_loss', 'h':
+            return at_speed, speed
+        case 'iron_loss', 'e':
+            return at_speed, speed**2
+        case 'line_resistance', 'Rl':
+            return '{} mΩ in the supply line', 1000.0
+        case 'load_friction', 'c':
+            return 'the gear takes {} % of the load', 100.0
+        case 'regeneration_efficiency', '1 − eta':
+            return '{} % of what flows back is lost', 100.0
+        case 'regeneration_limit', 'b':
+            return '{} % of what flows back is blocked', 100.0
+        case 'spring', '1/ks':
+            return '{} N·m/rad', 1.0
+    return '', np.nan

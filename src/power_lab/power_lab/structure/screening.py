@@ -10,8 +10,8 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
 from wattwalk_core.arrays import Floats
 
-from power_lab.structure.drivers import Factor, Family, driver_values, factor_values
-from power_lab.structure.shapes import DriveProblem, price
+from power_lab.structure.drivers import Family, driver_values
+from power_lab.structure.shapes import DriveProblem, bend, weight_of
 
 MOVES = 39
 """Residuals without a cause: the largest of 39 is exceeded by chance in 1 of 40."""
@@ -55,27 +55,19 @@ class DriverScreen:
     without either shortcut.
     """
 
-    def __init__(
-        self,
-        problem: DriveProblem,
-        point: Linearisation,
-        prepared: Prepared,
-        moves: int = MOVES,
-    ) -> None:
-        """moves: residuals without a cause for comparison, 0 for none."""
+    def __init__(self, problem: DriveProblem, point: Linearisation, prepared: Prepared) -> None:
         self.problem, self.point, self.prepared = problem, point, prepared
         mask = problem.blocks.mask[..., 0]
         fold = np.broadcast_to(problem.folds.test[:, None], mask.shape)[mask]
-        training = problem.folds.training[:, :, None] * np.ones(mask.shape[1])
-        near = [(training[f][mask] == 0.0) & (fold != f) for f in range(problem.folds.count)]
+        training = np.repeat(problem.folds.training[:, :, None], mask.shape[1], axis=2)[:, mask]
         self.rows = problem.blocks.rows[mask]
         self._tests = [np.flatnonzero(fold == f) for f in range(problem.folds.count)]
-        self._near = [np.flatnonzero(one) for one in near]
+        self._near = [np.flatnonzero((own == 0.0) & (fold != f)) for f, own in enumerate(training)]
         self._values = np.nan_to_num(problem.residual[problem.blocks.rows])
         self._mask = mask
         count = len(self._values)
         least = max(1, round(_LEAST_MOVE * count))
-        shifts = np.linspace(least, count - least, moves).round().astype(int)
+        shifts = np.linspace(least, count - least, MOVES).round().astype(int)
         self._moves: list[int] = shifts.tolist()
         self._ridge = problem.ridge[problem.free]
         self._weights: dict[tuple[str, str], Floats] = {}
@@ -90,7 +82,7 @@ class DriverScreen:
         count = _NODES_OF_TURN if family.driver.name == 'angle' else _NODES
         place = np.clip((z - low) / (high - low) * (count - 1), 0.0, count - 1.000001)
         left = place.astype(np.intp)
-        weight = self._weight(family.factor, family.acts_on)[self.rows]
+        weight = self._weight(family)[self.rows]
         columns = np.zeros((len(z), count))
         index = np.arange(len(z))
         columns[index, left] = weight * (1.0 - (place - left))
@@ -105,7 +97,7 @@ class DriverScreen:
         values = values - values.mean()
         square = float(np.square(values).sum())
         slow = np.square(values.mean(axis=1)).sum() * values.shape[1] >= _SLOW * square
-        if slow or len(self._moves) < 2 or not square > 0.0:
+        if slow or not square > 0.0:
             return False
         alike = [float((values * np.roll(values, m, axis=0)).sum()) for m in self._moves]
         return sorted(alike)[-2] >= _REPEATS * square
@@ -116,15 +108,11 @@ class DriverScreen:
             return values[self.prepared.reducer.centres()]
         return self.prepared.reduced(values)
 
-    def _weight(self, factor: Factor, acts_on: str) -> Floats:
-        key = (factor.name, acts_on)
+    def _weight(self, family: Family) -> Floats:
+        key = (family.factor.name, family.acts_on)
         if key not in self._weights:
-            drive = self.problem.drive
-            signals = self.point.signals
-            values = factor_values(factor, signals, drive) * np.ones(len(signals.time))
-            if acts_on == 'torque':
-                values = values * price(self.point, drive)
-            self._weights[key] = self.prepared.reduced(values)
+            weight = weight_of(family, self.point, self.problem.drive)
+            self._weights[key] = self.prepared.reduced(weight)
         return self._weights[key]
 
     @cached_property
@@ -164,31 +152,24 @@ class DriverScreen:
     def _gains(self, columns: Floats, targets: _Targets) -> Floats:
         """Gain W² by row of the residual and of those without a cause [1 + S]."""
         m, k = len(self._ridge), columns.shape[1]
-        base_train, base_test = targets.train, targets.test
         beside = np.concatenate([columns, targets.fixed], axis=1)
-        own_train, own_test = self._sums(columns, beside)
-        train, test = (
-            np.concatenate(
-                [
-                    np.concatenate([base[:, :, :m], own[:, :, k : k + m].swapaxes(1, 2)], axis=2),
-                    np.concatenate([own[:, :, k : k + m], own[:, :, :k]], axis=2),
-                ],
-                axis=1,
-            )
-            for base, own in ((base_train, own_train), (base_test, own_test))
-        )
-        right_train, right_test = (
-            np.concatenate([base[:, :, m:], own[:, :, k + m :]], axis=1)
-            for base, own in ((base_train, own_train), (base_test, own_test))
-        )
-        curvature = np.diff(np.eye(k), n=2, axis=0)
-        bend = curvature.T @ curvature
+        grams, rights = [], []
+        for base, own in zip(
+            (targets.train, targets.test), self._sums(columns, beside), strict=True
+        ):
+            cross = own[:, :, k : k + m]
+            above = np.concatenate([base[:, :, :m], cross.swapaxes(1, 2)], axis=2)
+            below = np.concatenate([cross, own[:, :, :k]], axis=2)
+            grams.append(np.concatenate([above, below], axis=1))
+            rights.append(np.concatenate([base[:, :, m:], own[:, :, k + m :]], axis=1))
+        (train, test), (right_train, right_test) = grams, rights
+        curved = bend(k)
         unit = max(float(np.trace(train[:, m:, m:].mean(axis=0))) / k, 1e-12)
         best = np.full(right_test.shape[2], -np.inf)
         for smoothing in _SMOOTHING:
             matrix = train.copy()
             matrix[:, :m, :m] += np.diag(self._ridge)
-            matrix[:, m:, m:] += unit * (smoothing * bend + 1e-6 * np.eye(k))
+            matrix[:, m:, m:] += unit * (smoothing * curved + 1e-6 * np.eye(k))
             error = _error(test, right_test, _solved(matrix, right_train))
             best = np.maximum(best, targets.start - error)
         return best / len(self.rows)

@@ -82,22 +82,16 @@ class DriveProblem:
         low, high = self.lower + reach, self.upper - reach
         return np.asarray((coefficients <= low) | (coefficients >= high))
 
-    def block_moments(self, extra: Floats | None) -> tuple[Floats, Floats, Floats]:
-        """Gram [B, m + K, m + K], moment [B, m + K] and square [B] by block; extra: [N, K].
-
-        extra: further regressors beside the base's.
-        """
+    def moments(self, extra: Floats | None) -> Moments:
+        """Normal equations by fold of the base's regressors and further ones, extra [N, K]."""
         own, mask = self.scatter
         rows = self.blocks.rows
         if extra is not None:
             own = np.concatenate([own, extra[rows] * mask[..., None]], axis=2)
         target = np.where(mask, np.nan_to_num(self.target[rows]), 0.0)
         turned = own.transpose(0, 2, 1)
-        return turned @ own, (turned @ target[..., None])[..., 0], np.square(target).sum(axis=1)
-
-    def moments(self, extra: Floats | None) -> Moments:
-        """Normal equations by fold of the base's regressors and further ones, extra [N, K]."""
-        gram, moment, square = self.block_moments(extra)
+        gram, moment = turned @ own, (turned @ target[..., None])[..., 0]
+        square = np.square(target).sum(axis=1)
         train = np.concatenate([self.folds.training, np.ones((1, len(gram)))])
         test = (self.folds.test == np.arange(self.folds.count)[:, None]).astype(np.float64)
         return Moments(
@@ -159,12 +153,6 @@ def problems(
     return out
 
 
-def price(point: Linearisation, drive: int) -> Floats:
-    """Power that a torque on the motor costs, W/(N·m) [T]."""
-    s = point.signals
-    return np.asarray(s.motor_velocity[:, drive] + s.torque_cost[:, drive])
-
-
 NODES, OF_TURN, OF_POSITION = 33, 97, 49
 """Nodes of a shape: over most drivers, over a turn, over a position."""
 _SMOOTHING = tuple(10.0**k for k in range(-5, 3))
@@ -174,21 +162,19 @@ _TAIL = 0.002  # of the samples, beyond the outermost nodes
 
 @dataclass(frozen=True)
 class LearnedShape:
-    """A shape of one family on one drive, with its held-out gain."""
+    """A shape of one family on one drive, with its held-out gain; the last fold is of all."""
 
     family: Family
-    drive: int
     nodes: Floats  # [K], values of the driver
     share: Floats  # [K], of the samples near each node
-    coefficients: Floats  # [m + K], of the base and of the shape at the nodes
-    by_fold: Floats  # [F + 1, m + K]
+    by_fold: Floats  # [F + 1, m + K], coefficients of the base and of the shape at the nodes
     moments: Moments
     gain: float  # W² by row, held out
 
     @property
     def values(self) -> Floats:
         """The shape at its nodes [K]."""
-        return self.coefficients[-len(self.nodes) :]
+        return self.by_fold[-1, -len(self.nodes) :]
 
 
 def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -209,12 +195,22 @@ def spread(values: Floats, count: int = NODES) -> Floats | None:
 
 def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, Floats]:
     """Driver [T] and the weight of its function, W per unit [T], at each sample of a drive."""
+    return driver_values(family.driver, point.signals, drive), weight_of(family, point, drive)
+
+
+def weight_of(family: Family, point: Linearisation, drive: int) -> Floats:
+    """Weight of a family's function, W per unit [T], at each sample of a drive."""
     signals = point.signals
-    z = driver_values(family.driver, signals, drive)
-    weight = factor_values(family.factor, signals, drive) * np.ones(len(z))
-    if family.acts_on == 'torque':
-        weight = weight * price(point, drive)
-    return z, weight
+    weight = factor_values(family.factor, signals, drive) * np.ones(len(signals.time))
+    if family.acts_on == 'torque':  # what a torque on the motor costs, W/(N·m)
+        weight = weight * (signals.motor_velocity[:, drive] + signals.torque_cost[:, drive])
+    return weight
+
+
+def bend(count: int) -> Floats:
+    """Penalty [count, count] on the curvature of a shape at evenly spaced nodes."""
+    curvature = np.diff(np.eye(count), n=2, axis=0)
+    return np.asarray(curvature.T @ curvature)
 
 
 def learn(
@@ -230,30 +226,18 @@ def learn(
     share = np.bincount(left, minlength=count) / len(z)
     columns = _reduced_hats(left, over, weight, count, prepared)
     moments = problem.moments(columns)
-    curvature = np.diff(np.eye(count), n=2, axis=0)
-    bend = curvature.T @ curvature
-    own = moments.gram[-1][-count:, -count:]
+    curved, own = bend(count), moments.gram[-1][-count:, -count:]
     unit = float(np.trace(own)) / count
     if unit <= 0.0:
         return None
-    best: tuple[float, Floats] | None = None
-    for smoothing in _SMOOTHING:
-        penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(count)
-        solved = problem.solve(moments, penalty)
-        error = float(moments.error(solved[:-1]).sum())
-        if best is None or error < best[0]:
-            best = (error, solved)
-    assert best is not None
-    return LearnedShape(
-        family=family,
-        drive=problem.drive,
-        nodes=nodes,
-        share=share,
-        coefficients=best[1][-1],
-        by_fold=best[1],
-        moments=moments,
-        gain=problem.base_error - best[0] / moments.rows,
-    )
+    solved = [
+        problem.solve(moments, smoothing * unit * curved + 1e-6 * unit * np.eye(count))
+        for smoothing in _SMOOTHING
+    ]
+    errors = [float(moments.error(own[:-1]).sum()) for own in solved]
+    best = min(range(len(errors)), key=errors.__getitem__)
+    gain = problem.base_error - errors[best] / moments.rows
+    return LearnedShape(family, nodes, share, solved[best], moments, gain)
 
 
 def _reduced_hats(
