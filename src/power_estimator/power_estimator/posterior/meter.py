@@ -95,14 +95,14 @@ class MeterProblem:
 
     @cached_property
     def causes(self) -> Mapping[str, Floats]:
-        """Causes of departures, at the input rate [T, D]."""
+        """Causes of departures, low-passed [N, D]."""
         s = self.signals
         fast, strong = (np.sqrt(np.mean(x**2, axis=0)) + 1e-9 for x in (s.velocity, s.torque))
         direction = np.tanh(s.velocity / (_TOWARDS_ZERO * fast))
         load = np.arcsinh(np.abs(s.torque) / strong)
         span = max(float(np.ptp(s.time)), 1e-9)
         time = 2 * (s.time - s.time.mean()) / span
-        return {
+        causes = {
             'speed': np.log(np.abs(s.velocity) / fast + _TOWARDS_ZERO),
             'load': load - load.mean(axis=0),
             'direction': direction,
@@ -111,14 +111,16 @@ class MeterProblem:
             'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
         }
+        reduced = self.prepared.reduced(np.stack([*causes.values()], axis=2))
+        return dict(zip(causes, np.moveaxis(reduced, 2, 0), strict=True))
 
     @cached_property
     def _bends(self) -> Floats:
         """Random Fourier features of how an effect's power may depart smoothly [N, D, b]."""
         c = self.causes
-        raw = np.stack([c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']], axis=2)
+        weighed = [c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']]
+        inputs = np.stack(weighed, axis=2)
         random = np.random.default_rng(5)
-        inputs = self.prepared.reduced(raw)
         return np.stack(
             [fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
         )
@@ -142,14 +144,15 @@ class MeterProblem:
         s, slope = at.signals, at.signals.motor_velocity + at.signals.torque_cost
         powers = self._by_kind(point, s, slope)
         departures, labels, at_one = self._departures(powers)
-        more = [at.power, *self.errors.watts(at.power, slope), *departures]
+        more = [at.power, *self.errors.watts(at.power, slope)]
         every = tuple({active.key: active for active in (*actives, *chosen)}.values())
         found, beside = self.builder.columns_and(every, at, more)
         of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
         raw = [of[active.key] for active in actives]
         joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
         size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
-        power, nuisance = beside[:, 0, 0], beside[:, 0, 1:]
+        power = beside[:, 0, 0]
+        nuisance = np.column_stack([beside[:, 0, 1:], *departures])
         linear = np.zeros(len(joined))
         for active, own in point.values():
             linear += of[active.key] @ own
@@ -183,7 +186,7 @@ class MeterProblem:
         ):
             own_powers = [powers[kind] for kind in kinds if kind in powers]
             if own_powers:
-                watts = self.prepared.reduced(sum(own_powers[1:], own_powers[0]))
+                watts = sum(own_powers[1:], own_powers[0])
                 bent.append((share * metered * watts[..., None] * self._bends).sum(axis=1))
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
@@ -214,7 +217,7 @@ class MeterProblem:
         return np.array(sizes)
 
     def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
-        """Power of the shaft and of each kind of effect at a point, W [T, D]."""
+        """Low-passed power of the shaft and of each kind of effect at a point, W [N, D]."""
         out = {'shaft': s.torque * s.velocity}
         drives = s.torque.shape[1]
         for active, own in point.values():
@@ -225,12 +228,13 @@ class MeterProblem:
             coefficients = np.repeat(own[None], drives, axis=0)
             own_w = weighted(self.builder.regressors(active, s), coefficients) * acts
             out[kind] = out[kind] + own_w if kind in out else own_w
-        return out
+        reduced = self.prepared.reduced(np.stack([*out.values()], axis=2))
+        return dict(zip(out, np.moveaxis(reduced, 2, 0), strict=True))
 
     def _departures(
         self, powers: Mapping[str, Floats]
     ) -> tuple[list[Floats], list[str], Mapping[int, tuple[str, float]]]:
-        """Departures of DEPARTURES, W [T, D], with causes; of friction at 1 rad/s by column."""
+        """Departures of DEPARTURES, W [N], with causes; of friction at 1 rad/s by column."""
         c = self.causes
         at_one: dict[int, tuple[str, float]] = {}
         columns: list[Floats] = []
@@ -245,7 +249,7 @@ class MeterProblem:
             for form, spread in DEPARTURES[kind].items():
                 if kind in ('friction', 'viscous'):
                     at_one[len(columns)] = kind, spread * one.get(form, 0.0)
-                columns.append(spread * watts * c[form])
+                columns.append(spread * (watts * c[form]).sum(axis=1))
                 causes.append(f'departures of {kind}')
         return columns, causes, at_one
 
