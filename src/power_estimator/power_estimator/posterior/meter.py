@@ -271,7 +271,8 @@ class MeterProblem:
             weights = np.concatenate(
                 [np.full(len(b), w) for b, w in zip(blocks, share, strict=True)]
             )
-            gram, moment = a.T @ (a * weights[:, None]), a.T @ (weights * y)
+            weighed = a * np.sqrt(weights)[:, None]
+            gram, moment = weighed.T @ weighed, a.T @ (weights * y)
             for _ in range(3):
                 x = np.linalg.solve(gram / variance + np.diag(spread**-2), moment / variance)
                 left = y - a @ x
