@@ -119,11 +119,17 @@ class MeterProblem:
         """Random Fourier features of how an effect's power may depart smoothly [N, D, b]."""
         c = self.causes
         weighed = [c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']]
-        inputs = np.stack(weighed, axis=2)
+        return self._fourier(np.stack(weighed, axis=2), 8)
+
+    @cached_property
+    def _bends_by_load(self) -> Floats:
+        """The same of copper loss, which departs by the load alone [N, D, b]."""
+        return self._fourier(self.causes['load'][..., None], 3)
+
+    def _fourier(self, inputs: Floats, count: int) -> Floats:
         random = np.random.default_rng(5)
-        return np.stack(
-            [fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
-        )
+        parts = [fourier(random, inputs[:, d], count, 1.2) for d in range(inputs.shape[1])]
+        return np.stack(parts, axis=1)
 
     @cached_property
     def general(self) -> Features:
@@ -179,15 +185,15 @@ class MeterProblem:
     def _bent(self, powers: Mapping[str, Floats], metered: float) -> tuple[Floats, list[str]]:
         """Smooth departures of each kind of power [N, b], with causes."""
         bent, causes = [np.empty((len(self.used), 0))], []
-        for kinds, share in (
-            (('friction', 'viscous'), 1.0),
-            (('copper',), 1.0),
-            (('shaft',), 0.1),
+        for kinds, bends, share in (
+            (('friction', 'viscous'), self._bends, 1.0),
+            (('copper',), self._bends_by_load, 1.0),
+            (('shaft',), self._bends, 0.1),
         ):
             own_powers = [powers[kind] for kind in kinds if kind in powers]
             if own_powers:
                 watts = sum(own_powers[1:], own_powers[0])
-                bent.append((share * metered * watts[..., None] * self._bends).sum(axis=1))
+                bent.append((share * metered * watts[..., None] * bends).sum(axis=1))
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
 
