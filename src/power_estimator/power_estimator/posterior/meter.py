@@ -107,6 +107,7 @@ class MeterProblem:
             'load': load - load.mean(axis=0),
             'direction': direction,
             'quadrant': direction * np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong)),
+            'side': np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong)),
             'time': np.broadcast_to(time[:, None] * (not s.steady), load.shape),
             'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
@@ -125,6 +126,12 @@ class MeterProblem:
     def _bends_by_load(self) -> Floats:
         """The same of copper loss, which departs by the load alone [N, D, b]."""
         return self._fourier(self.causes['load'][..., None], 3)
+
+    @cached_property
+    def _bends_by_torque(self) -> Floats:
+        """The same of a torque sensor, whose line bends by the torque alone [N, D, b]."""
+        c = self.causes
+        return self._fourier(np.stack([c['load'], 0.7 * c['side']], axis=2), 4)
 
     def _fourier(self, inputs: Floats, count: int) -> Floats:
         random = np.random.default_rng(5)
@@ -188,7 +195,7 @@ class MeterProblem:
         for kinds, bends, share in (
             (('friction', 'viscous'), self._bends, 1.0),
             (('copper',), self._bends_by_load, 1.0),
-            (('shaft',), self._bends, 0.1),
+            (('shaft',), self._bends_by_torque, 0.1),
         ):
             own_powers = [powers[kind] for kind in kinds if kind in powers]
             if own_powers:
