@@ -142,7 +142,11 @@ def fit_set(
             settled = ahead - evidence < _SETTLED
             if best is None or evidence > best.evidence:
                 best = FittedSet(evidence, point, place, settled)
-            if settled or abs(evidence - last) < _SETTLED or 0.0 <= elsewhere - best.evidence < _SETTLED:
+            if (
+                settled
+                or abs(evidence - last) < _SETTLED
+                or 0.0 <= elsewhere - best.evidence < _SETTLED
+            ):
                 break
         values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts
         values = np.where(signed, np.maximum(values, 0.0), values)
@@ -170,6 +174,7 @@ def errors_beside(
         return []
     point = settle(sparse, known, known, [active.name for active in known])
     meter.place = sparse.place
+    meter.about(point)
     meter.learn_noise(meter.columns(known, point), [active.name for active in known])
     assert meter.noise is not None
     rows, weights = meter.noise.rows, meter.noise.root
@@ -185,6 +190,7 @@ def settle(
     """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
     point: Point = {}
     for _ in range(2):
+        meter.about(point)
         meter.learn_noise(meter.columns(all_, point), known)
         found = fit_set(meter, actives, known, point)
         point, meter.place = found.point, found.place

@@ -108,7 +108,8 @@ def judged_effects(
     cogs = any(one.name == PERIODIC and one.tried_on(signals) for one in catalogue.physics())
     orders = Orders()
     if cogs:
-        orders = _orders(*(meter_problems(one, fixed, base) for one in (prepared, sparse)), free)
+        dense = meter_problems(prepared, fixed, base)
+        orders = _orders(dense, meter_problems(sparse, fixed, base), free)
     problems = meter_problems(sparse, fixed, base)
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)

@@ -201,7 +201,9 @@ class EffectSearch:
         start = self._linearised(m, actives, plain=False) | start
         found = fit_set(meter, actives, self.known, start)
         first, fewer = len(self.base) + 1, len(current)
-        stays = not found.settled and all(found.point[n][1] is own for n, (_, own) in start.items())
+        stays = not found.settled and all(
+            found.point[n][1] is own for n, (_, own) in start.items()
+        )
         if not current or not (stays or len(actives) == first or len(actives) < fewer):
             return found
         start = self._linearised(m, actives, plain=True)
@@ -211,7 +213,7 @@ class EffectSearch:
     def _linearised(
         self, m: int, actives: Sequence[Active], *, plain: bool
     ) -> dict[str, tuple[Active, Floats]]:
-        """Coefficients of a set as linearised about the current point of a meter, or about none."""
+        """Coefficients of a set as linearised about a meter's current point, or about none."""
         columns = (self._plain[0] if plain else self.made)[m]
         found, start = self.linearised(m, actives, plain=plain), 0
         point = {}
@@ -257,6 +259,7 @@ class EffectSearch:
 
         def linearised(m: int) -> EffectColumns:
             meter = self.meters[m]
+            meter.about(self.points[m])
             columns = meter.columns(self.actives, self.points[m])
             meter.learn_noise(columns, self.known)
             return columns
