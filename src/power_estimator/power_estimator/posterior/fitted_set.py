@@ -67,6 +67,7 @@ class FittedSet:
     evidence: float  # nats
     point: Point
     place: int  # of the delay among the shifts
+    settled: bool  # no step from the point is worth anything
 
 
 def signs(actives: Sequence[Active]) -> Bools:
@@ -135,12 +136,17 @@ def fit_set(
         evidence = -np.inf
         if len(point) == len(actives):  # before that, departures of some are not there yet
             here = values_of(point, actives)
+            ahead = float(logsumexp(logs) - np.log(count))
             logs = np.array([cell.at(here / columns.watts) for cell in found])
             evidence = float(logsumexp(logs) - np.log(count))
+            settled = ahead - evidence < _SETTLED
             if best is None or evidence > best.evidence:
-                best = FittedSet(evidence, point, place)
-            settled = abs(evidence - last) < _SETTLED
-            if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
+                best = FittedSet(evidence, point, place, settled)
+            if (
+                settled
+                or abs(evidence - last) < _SETTLED
+                or 0.0 <= elsewhere - best.evidence < _SETTLED
+            ):
                 break
         values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts
         values = np.where(signed, np.maximum(values, 0.0), values)
@@ -157,14 +163,19 @@ def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
     return all(active.name in known for active in actives)
 
 
-def errors_beside(meter: MeterProblem, known: Sequence[Active]) -> list[ErrorsByPosition]:
-    """Return what effects leave of a meter's power, by the position of its drives."""
-    if not meter.used.any():
+def errors_beside(
+    meter: MeterProblem, sparse: MeterProblem, known: Sequence[Active]
+) -> list[ErrorsByPosition]:
+    """Return what effects leave of a meter's power, by the position of its drives.
+
+    sparse: the same meter, on whose rows they are fitted.
+    """
+    if not sparse.used.any():
         return []
-    place = meter.place
-    point = settle(meter, known, known, [active.name for active in known])
+    point = settle(sparse, known, known, [active.name for active in known])
+    meter.place = sparse.place
+    meter.about(point)
     meter.learn_noise(meter.columns(known, point), [active.name for active in known])
-    meter.place = place
     assert meter.noise is not None
     rows, weights = meter.noise.rows, meter.noise.root
     slope = meter.prepared.reduced(meter.slope(point))
@@ -179,6 +190,7 @@ def settle(
     """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
     point: Point = {}
     for _ in range(2):
+        meter.about(point)
         meter.learn_noise(meter.columns(all_, point), known)
         found = fit_set(meter, actives, known, point)
         point, meter.place = found.point, found.place

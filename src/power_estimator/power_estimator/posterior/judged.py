@@ -104,9 +104,13 @@ def judged_effects(
     names = {active.name.partition('@')[0] for active in known}
     fixed = [active for active in known if active.effect.fixed is not None]
     free = [active for active in known if active.effect.fixed is None]
-    problems = meter_problems(prepared, fixed, base)
+    sparse = prepared.sparse()
     cogs = any(one.name == PERIODIC and one.tried_on(signals) for one in catalogue.physics())
-    orders = _orders(problems, free) if cogs else Orders()
+    orders = Orders()
+    if cogs:
+        dense = meter_problems(prepared, fixed, base)
+        orders = _orders(dense, meter_problems(sparse, fixed, base), free)
+    problems = meter_problems(sparse, fixed, base)
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
@@ -148,11 +152,13 @@ def judged_effects(
     return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
 
 
-def _orders(meters: Sequence[MeterProblem], known: Sequence[Active]) -> Orders:
+def _orders(
+    meters: Sequence[MeterProblem], sparse: Sequence[MeterProblem], known: Sequence[Active]
+) -> Orders:
     """Orders of cogging that a model may lack, or may have in another order."""
     own = [active for active in known if active.name.partition('@')[0] != PERIODIC]
-    searched = [meters[d] for d in representatives(meters)]
-    errors = for_each(lambda m: errors_beside(searched[m], own), range(len(searched)))
+    searched = representatives(meters)
+    errors = for_each(lambda d: errors_beside(meters[d], sparse[d], own), searched)
     return orders_of(list(itertools.chain(*errors)))
 
 

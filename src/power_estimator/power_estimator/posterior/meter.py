@@ -12,19 +12,19 @@ from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import for_each
-from power_estimator.effects.fit.design import Active, BasePower, Structure, weighted
+from power_estimator.effects.fit.design import Active, BasePower, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.state import OtherDrives
-from power_estimator.posterior.discrepancy import Features, fourier, smooth_features
+from power_estimator.posterior.departures import Departures, Point
+from power_estimator.posterior.discrepancy import Features, smooth_features
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import NormalEquations, Standing, Weighed, marginalised
 from power_estimator.posterior.priors import (
     BAD_CABLE,
     BLOCK,
     DEPARTING,
-    DEPARTURES,
     DISCREPANCY,
     KINDS,
     SHARES,
@@ -32,12 +32,8 @@ from power_estimator.posterior.priors import (
 )
 from power_estimator.posterior.sensors import SENSORS, UNMOVED, SensorErrors
 
-Point = Mapping[str, tuple[Active, Floats]]
-"""Coefficients in SI by name of the effect."""
 FRICTIONS: Final = ('viscous_friction', 'coulomb_friction', 'stribeck_friction')
 """Effects that the friction at 1 rad/s consists of, without load."""
-_TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
-_LOW: Final = 0.15  # of the rms speed, below which friction is another
 
 
 @dataclass(frozen=True)
@@ -64,6 +60,7 @@ class MeterProblem:
         # A model underneath may have learned a part of what is lost: any share may be missing.
         self.shares: Mapping[str, tuple[float, float]] = SHARES if base is None else {}
         self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
+        self.departures = Departures(self.builder)
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
@@ -79,6 +76,10 @@ class MeterProblem:
         s = self._signals_at(point)
         return s.motor_velocity + s.torque_cost
 
+    def about(self, point: Point) -> None:
+        """Take departures of all points as they are about this one."""
+        self.departures.about(self._signals_at(point))
+
     def _signals_at(self, point: Point) -> Signals:
         structure = Structure((*self.fixed, *(active for active, _ in point.values())))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
@@ -92,36 +93,6 @@ class MeterProblem:
     def power(self) -> Floats:
         """Metered watts with the delay taken out [N]."""
         return np.asarray(self.prepared.power[self.place, :, 0], dtype=np.float64)
-
-    @cached_property
-    def causes(self) -> Mapping[str, Floats]:
-        """Causes of departures, at the input rate [T, D]."""
-        s = self.signals
-        fast, strong = (np.sqrt(np.mean(x**2, axis=0)) + 1e-9 for x in (s.velocity, s.torque))
-        direction = np.tanh(s.velocity / (_TOWARDS_ZERO * fast))
-        load = np.arcsinh(np.abs(s.torque) / strong)
-        span = max(float(np.ptp(s.time)), 1e-9)
-        time = 2 * (s.time - s.time.mean()) / span
-        return {
-            'speed': np.log(np.abs(s.velocity) / fast + _TOWARDS_ZERO),
-            'load': load - load.mean(axis=0),
-            'direction': direction,
-            'quadrant': direction * np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong)),
-            'time': np.broadcast_to(time[:, None] * (not s.steady), load.shape),
-            'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
-            'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
-        }
-
-    @cached_property
-    def _bends(self) -> Floats:
-        """Random Fourier features of how an effect's power may depart smoothly [N, D, b]."""
-        c = self.causes
-        raw = np.stack([c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']], axis=2)
-        random = np.random.default_rng(5)
-        inputs = self.prepared.reduced(raw)
-        return np.stack(
-            [fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
-        )
 
     @cached_property
     def general(self) -> Features:
@@ -139,24 +110,23 @@ class MeterProblem:
         structure = Structure((*self.fixed, *chosen))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
         at = self.builder.point(structure, values[None])
-        s, slope = at.signals, at.signals.motor_velocity + at.signals.torque_cost
-        powers = self._by_kind(point, s, slope)
-        departures, labels, at_one = self._departures(powers)
-        more = [at.power, *self.errors.watts(at.power, slope), *departures]
+        slope = at.signals.motor_velocity + at.signals.torque_cost
+        departed = self.departures.of(point)
+        more = [at.power, *self.errors.watts(at.power, slope)]
         every = tuple({active.key: active for active in (*actives, *chosen)}.values())
         found, beside = self.builder.columns_and(every, at, more)
         of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
         raw = [of[active.key] for active in actives]
         joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
         size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
-        power, nuisance = beside[:, 0, 0], beside[:, 0, 1:]
+        power = beside[:, 0, 0]
+        nuisance = np.concatenate([beside[:, 0, 1:], departed.formed], axis=1)
         linear = np.zeros(len(joined))
         for active, own in point.values():
             linear += of[active.key] @ own
         metered = self._metered_share(power)
-        of_point = ~np.isin((*SENSORS, *labels), UNMOVED)
+        of_point = ~np.isin((*SENSORS, *departed.causes), UNMOVED)
         nuisance = nuisance * np.where(of_point, metered, 1.0)
-        bent, bent_causes = self._bent(powers, metered)
         keys = {active.key for active in actives}
         may_be_absent = self.noise.absent if self.noise else ()
         absent = [i for i, key in enumerate(may_be_absent) if key not in keys]
@@ -166,27 +136,12 @@ class MeterProblem:
             joined * scaled,
             scaled,
             nuisance,
-            bent,
+            metered * departed.bent,
             np.array(absent, np.intp),
             power - linear,
-            _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
-            (*labels, *self.general.causes, *bent_causes),
+            _friction_at_one(actives, scaled, nuisance.shape[1], departed.at_one, point),
+            (*departed.causes, *self.general.causes, *departed.bent_causes),
         )
-
-    def _bent(self, powers: Mapping[str, Floats], metered: float) -> tuple[Floats, list[str]]:
-        """Smooth departures of each kind of power [N, b], with causes."""
-        bent, causes = [np.empty((len(self.used), 0))], []
-        for kinds, share in (
-            (('friction', 'viscous'), 1.0),
-            (('copper',), 1.0),
-            (('shaft',), 0.1),
-        ):
-            own_powers = [powers[kind] for kind in kinds if kind in powers]
-            if own_powers:
-                watts = self.prepared.reduced(sum(own_powers[1:], own_powers[0]))
-                bent.append((share * metered * watts[..., None] * self._bends).sum(axis=1))
-                causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
-        return np.concatenate(bent, axis=1), causes
 
     def _metered_share(self, power: Floats) -> float:
         """Factor that makes a point's power [N] no larger than what was metered.
@@ -213,42 +168,6 @@ class MeterProblem:
             sizes += [size] * len(active.effect.terms)
         return np.array(sizes)
 
-    def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
-        """Power of the shaft and of each kind of effect at a point, W [T, D]."""
-        out = {'shaft': s.torque * s.velocity}
-        drives = s.torque.shape[1]
-        for active, own in point.values():
-            kind = KINDS.get(active.name.partition('@')[0], 'other')
-            by_torque = active.effect.acts_on == 'torque'
-            by_speed = active.effect.acts_on == 'speed'
-            acts: Floats | float = slope if by_torque else s.torque if by_speed else 1.0
-            coefficients = np.repeat(own[None], drives, axis=0)
-            own_w = weighted(self.builder.regressors(active, s), coefficients) * acts
-            out[kind] = out[kind] + own_w if kind in out else own_w
-        return out
-
-    def _departures(
-        self, powers: Mapping[str, Floats]
-    ) -> tuple[list[Floats], list[str], Mapping[int, tuple[str, float]]]:
-        """Departures of DEPARTURES, W [T, D], with causes; of friction at 1 rad/s by column."""
-        c = self.causes
-        at_one: dict[int, tuple[str, float]] = {}
-        columns: list[Floats] = []
-        causes: list[str] = []
-        fast = float(np.sqrt(np.mean(self.signals.velocity**2))) + 1e-9
-        one = {
-            'speed': float(np.log(1.0 / fast + _TOWARDS_ZERO)),
-            'time': 1.0,
-            'low': float(np.exp(-np.square(1.0 / (_LOW * fast)))),
-        }
-        for kind, watts in powers.items():
-            for form, spread in DEPARTURES[kind].items():
-                if kind in ('friction', 'viscous'):
-                    at_one[len(columns)] = kind, spread * one.get(form, 0.0)
-                columns.append(spread * watts * c[form])
-                causes.append(f'departures of {kind}')
-        return columns, causes, at_one
-
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
         """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""
         rows = np.flatnonzero(self.used)
@@ -267,7 +186,8 @@ class MeterProblem:
             weights = np.concatenate(
                 [np.full(len(b), w) for b, w in zip(blocks, share, strict=True)]
             )
-            gram, moment = a.T @ (a * weights[:, None]), a.T @ (weights * y)
+            weighed = a * np.sqrt(weights)[:, None]
+            gram, moment = weighed.T @ weighed, a.T @ (weights * y)
             for _ in range(3):
                 x = np.linalg.solve(gram / variance + np.diag(spread**-2), moment / variance)
                 left = y - a @ x

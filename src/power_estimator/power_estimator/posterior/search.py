@@ -194,49 +194,48 @@ class EffectSearch:
         """Return a set fitted to a meter, from two starts where the current point may be far off.
 
         That is a first new effect, a set without an effect that the point has, and a fit that
-        stays where it starts.
+        finds nothing better than its start. The other start is as linearised about no effects.
         """
-        start = self._start(m, actives)
-        found = fit_set(self.meters[m], actives, self.known, start)
-        first, fewer = len(self.base) + 1, len(self.points[m])
-        stays = all(np.array_equal(found.point[name][1], own) for name, (_, own) in start.items())
-        if not start or not (stays or len(actives) == first or len(actives) < fewer):
+        meter, current = self.meters[m], self.points[m]
+        start = {a.name: (a, current[a.name][1]) for a in actives if a.name in current}
+        start = self._linearised(m, actives, plain=False) | start
+        found = fit_set(meter, actives, self.known, start)
+        first, fewer = len(self.base) + 1, len(current)
+        stays = not found.settled and all(
+            found.point[n][1] is own for n, (_, own) in start.items()
+        )
+        if not current or not (stays or len(actives) == first or len(actives) < fewer):
             return found
-        other = fit_set(self.meters[m], actives, self.known, {}, found.evidence)
+        start = self._linearised(m, actives, plain=True)
+        other = fit_set(meter, actives, self.known, start, found.evidence)
         return max(found, other, key=lambda one: one.evidence)
 
-    def _start(self, m: int, actives: Sequence[Active]) -> Point:
-        """Coefficients of a set as linearised about the current point of a meter."""
-        point = {
-            a.name: (a, self.points[m][a.name][1]) for a in actives if a.name in self.points[m]
-        }
-        if len(point) == len(actives) or not self.points[m]:
-            return point
-        columns = self.made[m]
-        places = [columns.places(active) for active in actives]
-        found = self.linearised(m, actives)
-        start = 0
-        for active, place in zip(actives, places, strict=True):
-            stop = start + place.stop - place.start
-            if active.name not in point:
-                values = found.mean[start:stop] * columns.watts[place]
-                point[active.name] = (
-                    active,
-                    np.where(signs([active]), np.maximum(values, 0.0), values),
-                )
-            start = stop
+    def _linearised(
+        self, m: int, actives: Sequence[Active], *, plain: bool
+    ) -> dict[str, tuple[Active, Floats]]:
+        """Coefficients of a set as linearised about a meter's current point, or about none."""
+        columns = (self._plain[0] if plain else self.made)[m]
+        found, start = self.linearised(m, actives, plain=plain), 0
+        point = {}
+        for active in actives:
+            place = columns.places(active)
+            values = found.mean[start : start + place.stop - place.start] * columns.watts[place]
+            start += len(values)
+            signed = signs([active])
+            point[active.name] = active, np.where(signed, np.maximum(values, 0.0), values)
         return point
 
-    def linearised(self, m: int, actives: Sequence[Active]) -> Solution:
+    def linearised(self, m: int, actives: Sequence[Active], *, plain: bool = False) -> Solution:
         """Solve a set linearised about the current point, at the most probable discrepancy."""
-        meter, columns = self.meters[m], self.made[m]
+        meter, columns = self.meters[m], (self._plain[0] if plain else self.made)[m]
         own = np.concatenate([np.r_[columns.places(active)] for active in actives])
         count = columns.effects.shape[1]
         kept = np.concatenate([own, np.arange(count, count + columns.nuisance.shape[1])])
         flat = [active.name in self.known for active in actives for _ in active.effect.terms]
         spread = np.ones(len(kept))
         spread[: len(own)] = np.where(flat, KNOWN_SIZE, LINEAR_SIZE)
-        taken = self.normals_of(m).taken(kept, meter.place)
+        normals = self._plain[1][m] if plain else self.normals_of(m)
+        taken = normals.taken(kept, meter.place)
         best = int(np.argmax(by_delay(taken, spread)[:, 0]))
         return solved(taken.at(best), 0, spread, signs(actives))
 
@@ -260,6 +259,7 @@ class EffectSearch:
 
         def linearised(m: int) -> EffectColumns:
             meter = self.meters[m]
+            meter.about(self.points[m])
             columns = meter.columns(self.actives, self.points[m])
             meter.learn_noise(columns, self.known)
             return columns

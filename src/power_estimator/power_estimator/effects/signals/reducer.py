@@ -1,7 +1,7 @@
 """Low-pass and decimation of products and power, alike for all."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -30,11 +30,18 @@ class Reducer:
     slices: tuple[slice, ...]  # stretches of the input that are long enough
     window: float = 0.0
     steady: bool = False  # rows are operating points
+    every: int = 1  # of the rows at 50 Hz, one of so many is made
 
     @property
     def factor(self) -> int:
         """Number of input samples for each reduced one."""
-        return 1 if self.steady else max(1, round(self.rate / REDUCED_RATE))
+        return 1 if self.steady else self.every * max(1, round(self.rate / REDUCED_RATE))
+
+    def sparse(self) -> 'Reducer':
+        """Return a reducer to no more rows than the low-pass leaves independent: 25 Hz."""
+        if self.steady:
+            return self
+        return replace(self, every=max(1, int(self.rate / (2 * CUTOFF * self.factor))))
 
     @cached_property
     def margin(self) -> int:
