@@ -37,7 +37,10 @@ def print_quality(checked: Checked) -> None:
         f'[bold]{_plain(str(checked.path))}[/]  {quality.seconds:.1f} s  {_plain(about)}'
     )
     for name, timing in quality.topics.items() if not card.steady else ():
-        gaps = f', {timing.gaps} gaps of {timing.gap_seconds:.2f} s in all' if timing.gaps else ''
+        many = 'gap' if timing.gaps == 1 else 'gaps'
+        gaps = (
+            f', {timing.gaps} {many} of {timing.gap_seconds:.2f} s in all' if timing.gaps else ''
+        )
         console.print(
             f'  {name}: {timing.samples} samples at {timing.rate:.4g} Hz, '
             f'jitter ±{100 * timing.jitter:.1f} %{gaps}'
@@ -45,7 +48,8 @@ def print_quality(checked: Checked) -> None:
     if card.steady:
         points = max((timing.samples for timing in quality.topics.values()), default=0)
         console.print(f'  {points} operating points, of which none follows on another')
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    caption = '1 % of samples are below each range, 1 % above'
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, caption=caption, caption_justify='left')
     units = dict.fromkeys(card.torque_unit.get(name, 'N*m') for name in quality.drives)
     torque = f'torque {" or ".join(units)}'.replace('*', '·')
     checks = ('drive', 'torque', 'updates', 'dP/d(τω)', 'of var P', 'ω/(dq/dt)')

@@ -61,6 +61,7 @@ _NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column is in volt
 _MOTORS: Final = r'(^|_)(motor|mot|rotor)(_|$)'
 _COMPUTED: Final = r'(^|_)(est[a-z]*|hat|calc[a-z]*|cur[a-z]*|iq)(_|$)'
 _MEASURED: Final = r'sensor|load_?cell|transducer'
+_BEHIND: Final = r'joint|output|wheel|link'
 _AT: Final = (
     '    # at: motor is a torque computed from the current, at: joint that of a sensor behind the '
     'gear; it decides which effects can be found: check'
@@ -304,7 +305,8 @@ class _Drive:
             return 'motor', f'it is {abs(made[1]):.4g} × {printable(made[0].address)}'
         name = words(taken.address)
         if re.search(_MEASURED, name) or not (said := re.search(f'{_MOTORS}|{_COMPUTED}', name)):
-            return 'joint', ''
+            known = re.search(f'{_MEASURED}|{_BEHIND}', name)
+            return 'joint', '' if known else 'at: joint is a guess'
         return 'motor', f'at: motor, as its name has {said[0].strip("_")}'
 
 
