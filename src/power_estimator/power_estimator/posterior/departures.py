@@ -37,8 +37,8 @@ class Departed:
 class _Parts:
     """Low-passed power of one unit of an effect's n coefficients."""
 
-    power: Floats  # [N, D, n]
-    formed: Floats  # [N, f, n], times the forms that its kind departs by
+    power: Floats  # [n, N, D]
+    formed: Floats  # [n, N, f], times the forms that its kind departs by
 
 
 class Departures:
@@ -77,7 +77,10 @@ class Departures:
                 if kind in ('friction', 'viscous'):
                     at_one[len(causes)] = kind, spread * one.get(form, 0.0)
                 causes.append(f'departures of {kind}')
-        formed = [sum(parts.formed @ own for parts, own in each) for each in kinds.values()]
+        formed = [
+            sum(np.tensordot(own, parts.formed, 1) for parts, own in each)
+            for each in kinds.values()
+        ]
         bent, bent_causes = self._bent(kinds)
         return Departed(
             np.concatenate(formed, axis=1), tuple(causes), at_one, bent, tuple(bent_causes)
@@ -95,7 +98,7 @@ class Departures:
         ):
             found = [each for kind in own for each in kinds.get(kind, ())]
             if found:
-                watts = sum(parts.power @ values for parts, values in found)
+                watts = sum(np.tensordot(values, parts.power, 1) for parts, values in found)
                 bent.append((share * np.asarray(watts)[..., None] * bends).sum(axis=1))
                 causes += [f'departures of {" and ".join(own)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
@@ -115,9 +118,12 @@ class Departures:
                     power = power * slope[..., None]
             forms = [spread * self._causes[form] for form, spread in DEPARTURES[kind].items()]
             formed = np.stack([(form[..., None] * power).sum(axis=1) for form in forms], axis=1)
-            reduced = self._builder.prepared.reduced
-            self._kept[key] = _Parts(reduced(power), reduced(formed))
+            self._kept[key] = _Parts(self._by_term(power), self._by_term(formed))
         return self._kept[key]
+
+    def _by_term(self, watts: Floats) -> Floats:
+        """Low-pass watts [T, k, n], to [n, N, k]."""
+        return np.ascontiguousarray(np.moveaxis(self._builder.prepared.reduced(watts), 2, 0))
 
     @property
     def _signals(self) -> Signals:
