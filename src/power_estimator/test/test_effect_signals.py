@@ -121,3 +121,21 @@ def test_an_unknown_value_is_unknown_in_just_those_reduced_values_that_it_counts
     assert np.isnan(found[near, 1]).mean() > 0.9
     assert found[~near, 1] == pytest.approx(1.0)
     assert found[:, 0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(('rate', 'factor'), [(400.0, 16), (100.0, 4), (50.0, 2), (40.0, 1)])
+def test_sparse_rows_are_no_more_than_twice_the_cutoff(rate, factor):
+    assert Reducer(rate, (slice(0, 4000),)).sparse().factor == factor
+    assert Reducer(rate, (slice(0, 4000),), steady=True).sparse().factor == 1
+
+
+def test_sparse_rows_are_every_second_row_of_each_stretch():
+    prepared = prepare(dataset(gap=14.0))
+    sparse = prepared.sparse()
+    first, second = prepared.reducer.stretches()
+    rows = [*range(first.start, first.stop, 2), *range(second.start, second.stop, 2)]
+    assert sparse.time == pytest.approx(prepared.time[rows])
+    assert sparse.power == pytest.approx(prepared.power[:, rows])
+    velocity = prepared.signals.velocity
+    assert sparse.reduced(velocity) == pytest.approx(prepared.reduced(velocity)[rows])
+    assert sparse.seconds == pytest.approx(prepared.seconds, abs=2 / REDUCED_RATE)

@@ -110,7 +110,7 @@ class Prepared:
     @property
     def seconds(self) -> float:
         """Length of the reduced signals in s; 0 for operating points."""
-        return 0.0 if self.steady else len(self.time) / REDUCED_RATE
+        return 0.0 if self.steady else len(self.time) * self.reducer.every / REDUCED_RATE
 
     @property
     def extent(self) -> str:

@@ -1,0 +1,81 @@
+"""Departures of effects from their formulas, at figures that can be checked by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.departures import Departures
+
+EFFECTS = builtin_catalogue()
+COPPER, VISCOUS = (Active.of(EFFECTS[name]) for name in ('copper_loss', 'viscous_friction'))
+TIME = np.arange(400) / 100.0
+SPEED = 3.0 + np.sin(2 * np.pi * TIME)  # rad/s
+TORQUE = np.where(TIME < 2.0, 1.0, -1.0)  # N·m
+
+
+def signals(cost=0.0):
+    """A drive that turns on and pulls with 1 N·m to either side; cost: W/(N·m) of its torque."""
+    return SimpleNamespace(
+        time=TIME,
+        steady=False,
+        velocity=SPEED[:, None],
+        torque=TORQUE[:, None],
+        motor_velocity=SPEED[:, None],
+        motor_torque=TORQUE[:, None],
+        torque_cost=np.full((len(TIME), 1), cost),
+    )
+
+
+def departures():
+    """Departures on signals that pass as they are, and on regressors of their textbook."""
+    regressors = {'copper_loss': TORQUE**2, 'viscous_friction': SPEED}
+    return Departures(
+        SimpleNamespace(
+            prepared=SimpleNamespace(signals=signals(), reduced=lambda values: values),
+            regressors=lambda active, s: regressors[active.name][:, None, None],
+        )
+    )
+
+
+def of_cause(departed, cause, place):
+    """A column of the forms by which a kind of power departs."""
+    return departed.formed[:, departed.causes.index(cause) + place]
+
+
+def test_friction_that_changes_over_time_departs_by_a_tenth_of_its_power():
+    found = departures().of({'viscous_friction': (VISCOUS, np.array([2.0]))})
+    over_time = 2 * (TIME - TIME.mean()) / np.ptp(TIME)  # −1 to 1
+    # Speed, load, direction, quadrant and time are its forms, in this order.
+    own = of_cause(found, 'departures of viscous', 4)
+    assert own == pytest.approx(0.1 * 2.0 * SPEED**2 * over_time)
+
+
+def test_departures_grow_with_the_coefficients():
+    once, twice = (
+        departures().of({'viscous_friction': (VISCOUS, np.array([own]))}) for own in (1.0, 2.0)
+    )
+    first = once.causes.index('departures of viscous')
+    assert twice.formed[:, first:] == pytest.approx(2.0 * once.formed[:, first:])
+    assert twice.formed[:, :first] == pytest.approx(once.formed[:, :first])  # of the shaft
+
+
+def test_departures_are_about_one_state_until_another_is_taken():
+    own = departures()
+    point = {'viscous_friction': (VISCOUS, np.array([2.0]))}
+    before = of_cause(own.of(point), 'departures of viscous', 4)
+    own.about(signals(cost=1.5))
+    after = of_cause(own.of(point), 'departures of viscous', 4)
+    # Friction b·w acts as b·w·(w + dP/dτ).
+    assert after == pytest.approx(before * (SPEED + 1.5) / SPEED)
+
+
+def test_copper_loss_bends_by_the_load_alone_and_a_sensor_by_its_torque():
+    found = departures().of({'copper_loss': (COPPER, np.array([0.5]))})
+    causes = np.array(found.bent_causes)
+    copper = found.bent[:, causes == 'departures of copper'] / (0.5 * TORQUE[:, None] ** 2)
+    assert np.ptp(copper, axis=0) == pytest.approx(0.0, abs=1e-12)  # the load is 1 N·m throughout
+    shaft = found.bent[:, causes == 'departures of shaft'] / (TORQUE * SPEED)[:, None]
+    assert np.ptp(shaft[:200], axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert np.ptp(shaft, axis=0).max() > 1e-3  # it is another line to the other side
