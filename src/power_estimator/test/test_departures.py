@@ -39,13 +39,19 @@ def departures():
     )
 
 
+def of(name, value, cost=0.0):
+    """Departures of one effect."""
+    active = COPPER if name == 'copper_loss' else VISCOUS
+    return departures().of({name: (active, np.array([value]))}, signals(cost))
+
+
 def of_cause(departed, cause, place):
     """A column of the forms by which a kind of power departs."""
     return departed.formed[:, departed.causes.index(cause) + place]
 
 
 def test_friction_that_changes_over_time_departs_by_a_tenth_of_its_power():
-    found = departures().of({'viscous_friction': (VISCOUS, np.array([2.0]))})
+    found = of('viscous_friction', 2.0)
     over_time = 2 * (TIME - TIME.mean()) / np.ptp(TIME)  # −1 to 1
     # Speed, load, direction, quadrant and time are its forms, in this order.
     own = of_cause(found, 'departures of viscous', 4)
@@ -53,26 +59,21 @@ def test_friction_that_changes_over_time_departs_by_a_tenth_of_its_power():
 
 
 def test_departures_grow_with_the_coefficients():
-    once, twice = (
-        departures().of({'viscous_friction': (VISCOUS, np.array([own]))}) for own in (1.0, 2.0)
-    )
+    once, twice = (of('viscous_friction', own) for own in (1.0, 2.0))
     first = once.causes.index('departures of viscous')
     assert twice.formed[:, first:] == pytest.approx(2.0 * once.formed[:, first:])
     assert twice.formed[:, :first] == pytest.approx(once.formed[:, :first])  # of the shaft
 
 
-def test_departures_are_about_one_state_until_another_is_taken():
-    own = departures()
-    point = {'viscous_friction': (VISCOUS, np.array([2.0]))}
-    before = of_cause(own.of(point), 'departures of viscous', 4)
-    own.about(signals(cost=1.5))
-    after = of_cause(own.of(point), 'departures of viscous', 4)
+def test_friction_departs_by_the_power_that_it_costs_at_the_motor():
+    at_rest, at_cost = (of('viscous_friction', 2.0, cost) for cost in (0.0, 1.5))
+    before, after = (of_cause(one, 'departures of viscous', 4) for one in (at_rest, at_cost))
     # Friction b·w acts as b·w·(w + dP/dτ).
     assert after == pytest.approx(before * (SPEED + 1.5) / SPEED)
 
 
 def test_copper_loss_bends_by_the_load_alone_and_a_sensor_by_its_torque():
-    found = departures().of({'copper_loss': (COPPER, np.array([0.5]))})
+    found = of('copper_loss', 0.5)
     causes = np.array(found.bent_causes)
     copper = found.bent[:, causes == 'departures of copper'] / (0.5 * TORQUE[:, None] ** 2)
     assert np.ptp(copper, axis=0) == pytest.approx(0.0, abs=1e-12)  # the load is 1 N·m throughout

@@ -19,7 +19,7 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
-from power_estimator.posterior.judged import JudgedEffect, JudgedEffects
+from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged_effects
 from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.odds import has_wholes, over_by_share, prior_of, tempered
 from power_estimator.posterior.priors import DOUBTED, MIMICS, NAMED, TOLD_APART, USUAL
@@ -371,3 +371,10 @@ def test_a_fit_ends_at_no_worse_a_point_than_it_began(meter, monkeypatch, factor
     found = fit_set(meter, actives, KNOWN, start)
     monkeypatch.setattr(fitted_set, '_ITERATIONS', 1)
     assert found.evidence >= fit_set(meter, actives, KNOWN, start).evidence
+
+
+def test_a_model_of_the_shaft_alone_lacks_copper_loss():
+    truth = Truth(dict.fromkeys(KNOWN, 1.0), 'walk', 20.0, 1)
+    prepared = prepare(record(truth).drives(['LF_KFE']))
+    found = judged_effects(prepared, [Active.of(EFFECTS['shaft'])], EFFECTS)
+    assert found.probability['copper_loss'] > NAMED

@@ -1,6 +1,6 @@
 """Departures of effects from their formulas, as columns of a meter's linear problem."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -33,37 +33,19 @@ class Departed:
     bent_causes: tuple[str, ...]  # [b]
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """Low-passed power of one unit of an effect's n coefficients."""
-
-    power: Floats  # [n, N, D]
-    formed: Floats  # [n, N, f], times the forms that its kind departs by
-
-
 class Departures:
-    """Departures of a meter's effects; each effect's are linear in its coefficients.
-
-    They are worked out once about one state of the drives, and stand for that of all points near.
-    """
+    """Departures of a meter's effects, which are as large as these are at a point."""
 
     def __init__(self, builder: DesignBuilder) -> None:
         """builder: of the meter, which has its signals."""
         self._builder = builder
-        self._about: Signals | None = None
-        self._kept: dict[object, _Parts] = {}
 
-    def about(self, signals: Signals) -> None:
-        """Take the motors' motion and torque of a point from now on."""
-        self._about, self._kept = signals, {}
+    def of(self, point: Point, signals: Signals) -> Departed:
+        """Return the departures of a point's effects, and of the shaft's power.
 
-    def of(self, point: Point) -> Departed:
-        """Return the departures of a point's effects, and of the shaft's power."""
-        kinds: dict[str, list[tuple[_Parts, Floats]]] = {
-            'shaft': [(self._parts(None), np.ones(1))]
-        }
-        for active, own in point.values():
-            kinds.setdefault(_kind(active), []).append((self._parts(active), own))
+        signals: with the motors' motion and torque at the point.
+        """
+        powers = self._powers(point, signals)
         fast = float(np.sqrt(np.mean(self._signals.velocity**2))) + 1e-9
         one = {
             'speed': float(np.log(1.0 / fast + _TOWARDS_ZERO)),
@@ -71,59 +53,44 @@ class Departures:
             'low': float(np.exp(-np.square(1.0 / (_LOW * fast)))),
         }
         at_one: dict[int, tuple[str, float]] = {}
+        formed: list[Floats] = []
         causes: list[str] = []
-        for kind in kinds:
+        for kind, watts in powers.items():
             for form, spread in DEPARTURES[kind].items():
                 if kind in ('friction', 'viscous'):
-                    at_one[len(causes)] = kind, spread * one.get(form, 0.0)
+                    at_one[len(formed)] = kind, spread * one.get(form, 0.0)
+                formed.append(spread * (watts * self._causes[form]).sum(axis=1))
                 causes.append(f'departures of {kind}')
-        formed = [
-            sum(np.tensordot(own, parts.formed, 1) for parts, own in each)
-            for each in kinds.values()
-        ]
-        bent, bent_causes = self._bent(kinds)
-        return Departed(
-            np.concatenate(formed, axis=1), tuple(causes), at_one, bent, tuple(bent_causes)
-        )
+        bent, bent_causes = self._bent(powers)
+        reduced = self._builder.prepared.reduced(np.stack(formed).T)
+        return Departed(reduced, tuple(causes), at_one, bent, tuple(bent_causes))
 
-    def _bent(
-        self, kinds: Mapping[str, Sequence[tuple[_Parts, Floats]]]
-    ) -> tuple[Floats, list[str]]:
+    def _bent(self, powers: Mapping[str, Floats]) -> tuple[Floats, list[str]]:
         """Smooth departures of friction, copper loss and the shaft's power [N, b], with causes."""
         bent, causes = [], []
-        for own, bends, share in (
+        for kinds, bends, share in (
             (('friction', 'viscous'), self._bends, 1.0),
             (('copper',), self._bends_by_load, 1.0),
             (('shaft',), self._bends_by_torque, _SHAFT),
         ):
-            found = [each for kind in own for each in kinds.get(kind, ())]
-            if found:
-                watts = sum(np.tensordot(values, parts.power, 1) for parts, values in found)
-                bent.append((share * np.asarray(watts)[..., None] * bends).sum(axis=1))
-                causes += [f'departures of {" and ".join(own)}'] * bent[-1].shape[1]
+            own = [powers[kind] for kind in kinds if kind in powers]
+            if own:
+                watts = self._builder.prepared.reduced(np.sum(own, axis=0))
+                bent.append((share * watts[..., None] * bends).sum(axis=1))
+                causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
 
-    def _parts(self, active: Active | None) -> _Parts:
-        """Power of an effect, or of the shaft, and its departures."""
-        key = active and active.key
-        if key not in self._kept:
-            s = self._signals if self._about is None else self._about
-            if active is None:
-                kind, power = 'shaft', (s.torque * s.velocity)[..., None]
-            else:
-                kind, power = _kind(active), self._builder.regressors(active, s)
-                by = active.effect.acts_on
-                if by != 'power':
-                    slope = s.motor_velocity + s.torque_cost if by == 'torque' else s.torque
-                    power = power * slope[..., None]
-            forms = [spread * self._causes[form] for form, spread in DEPARTURES[kind].items()]
-            formed = np.stack([(form[..., None] * power).sum(axis=1) for form in forms], axis=1)
-            self._kept[key] = _Parts(self._by_term(power), self._by_term(formed))
-        return self._kept[key]
-
-    def _by_term(self, watts: Floats) -> Floats:
-        """Low-pass watts [T, k, n], to [n, N, k]."""
-        return np.ascontiguousarray(np.moveaxis(self._builder.prepared.reduced(watts), 2, 0))
+    def _powers(self, point: Point, s: Signals) -> Mapping[str, Floats]:
+        """Power of the shaft and of each kind of effect at a point, W [T, D]."""
+        out = {'shaft': s.torque * s.velocity}
+        for active, own in point.values():
+            power = self._builder.regressors(active, s) @ own
+            by = active.effect.acts_on
+            if by != 'power':
+                power = power * (s.motor_velocity + s.torque_cost if by == 'torque' else s.torque)
+            kind = KINDS.get(active.name.partition('@')[0], 'other')
+            out[kind] = out[kind] + power if kind in out else power
+        return out
 
     @property
     def _signals(self) -> Signals:
@@ -172,7 +139,3 @@ class Departures:
         inputs = self._builder.prepared.reduced(raw)
         parts = [fourier(random, inputs[:, d], count, _LENGTH) for d in range(inputs.shape[1])]
         return np.stack(parts, axis=1)
-
-
-def _kind(active: Active) -> str:
-    return KINDS.get(active.name.partition('@')[0], 'other')

@@ -67,7 +67,6 @@ class FittedSet:
     evidence: float  # nats
     point: Point
     place: int  # of the delay among the shifts
-    settled: bool  # no step from the point is worth anything
 
 
 def signs(actives: Sequence[Active]) -> Bools:
@@ -136,17 +135,12 @@ def fit_set(
         evidence = -np.inf
         if len(point) == len(actives):  # before that, departures of some are not there yet
             here = values_of(point, actives)
-            ahead = float(logsumexp(logs) - np.log(count))
             logs = np.array([cell.at(here / columns.watts) for cell in found])
             evidence = float(logsumexp(logs) - np.log(count))
-            settled = ahead - evidence < _SETTLED
             if best is None or evidence > best.evidence:
-                best = FittedSet(evidence, point, place, settled)
-            if (
-                settled
-                or abs(evidence - last) < _SETTLED
-                or 0.0 <= elsewhere - best.evidence < _SETTLED
-            ):
+                best = FittedSet(evidence, point, place)
+            settled = abs(evidence - last) < _SETTLED
+            if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
                 break
         values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts
         values = np.where(signed, np.maximum(values, 0.0), values)
@@ -174,7 +168,6 @@ def errors_beside(
         return []
     point = settle(sparse, known, known, [active.name for active in known])
     meter.place = sparse.place
-    meter.about(point)
     meter.learn_noise(meter.columns(known, point), [active.name for active in known])
     assert meter.noise is not None
     rows, weights = meter.noise.rows, meter.noise.root
@@ -190,7 +183,6 @@ def settle(
     """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
     point: Point = {}
     for _ in range(2):
-        meter.about(point)
         meter.learn_noise(meter.columns(all_, point), known)
         found = fit_set(meter, actives, known, point)
         point, meter.place = found.point, found.place

@@ -28,7 +28,7 @@ def posteriors(
     model: EffectModel, prepared: Prepared, base: BasePower | None = None, seed: int = 0
 ) -> list[MeterSummary]:
     """Draw the coefficients of a model's effects for each meter."""
-    prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
+    prepared = replace(prepared.sparse(), signals=with_quiet_rates(prepared.signals))
     actives: Sequence[Active] = model.structure.actives
     if prepared.whole:
         actives = expanded(actives, prepared.signals)

@@ -18,7 +18,7 @@ from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
 from power_estimator.posterior.fitted_set import errors_beside
-from power_estimator.posterior.meter import MeterProblem, meter_problems
+from power_estimator.posterior.meter import meter_problems
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import DOUBTED, NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
@@ -106,10 +106,7 @@ def judged_effects(
     free = [active for active in known if active.effect.fixed is None]
     sparse = prepared.sparse()
     cogs = any(one.name == PERIODIC and one.tried_on(signals) for one in catalogue.physics())
-    orders = Orders()
-    if cogs:
-        dense = meter_problems(prepared, fixed, base)
-        orders = _orders(dense, meter_problems(sparse, fixed, base), free)
+    orders = _orders((prepared, sparse), fixed, free, base) if cogs else Orders()
     problems = meter_problems(sparse, fixed, base)
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
@@ -153,10 +150,17 @@ def judged_effects(
 
 
 def _orders(
-    meters: Sequence[MeterProblem], sparse: Sequence[MeterProblem], known: Sequence[Active]
+    prepared: tuple[Prepared, Prepared],
+    fixed: Sequence[Active],
+    known: Sequence[Active],
+    base: BasePower | None,
 ) -> Orders:
-    """Orders of cogging that a model may lack, or may have in another order."""
+    """Orders of cogging that a model may lack, or may have in another order.
+
+    prepared: all rows, and those that effects are fitted on.
+    """
     own = [active for active in known if active.name.partition('@')[0] != PERIODIC]
+    meters, sparse = (meter_problems(one, fixed, base) for one in prepared)
     searched = representatives(meters)
     errors = for_each(lambda d: errors_beside(meters[d], sparse[d], own), searched)
     return orders_of(list(itertools.chain(*errors)))

@@ -76,10 +76,6 @@ class MeterProblem:
         s = self._signals_at(point)
         return s.motor_velocity + s.torque_cost
 
-    def about(self, point: Point) -> None:
-        """Take departures of all points as they are about this one."""
-        self.departures.about(self._signals_at(point))
-
     def _signals_at(self, point: Point) -> Signals:
         structure = Structure((*self.fixed, *(active for active, _ in point.values())))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
@@ -111,7 +107,7 @@ class MeterProblem:
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
         at = self.builder.point(structure, values[None])
         slope = at.signals.motor_velocity + at.signals.torque_cost
-        departed = self.departures.of(point)
+        departed = self.departures.of(point, at.signals)
         more = [at.power, *self.errors.watts(at.power, slope)]
         every = tuple({active.key: active for active in (*actives, *chosen)}.values())
         found, beside = self.builder.columns_and(every, at, more)

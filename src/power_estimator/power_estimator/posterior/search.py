@@ -194,16 +194,15 @@ class EffectSearch:
         """Return a set fitted to a meter, from two starts where the current point may be far off.
 
         That is a first new effect, a set without an effect that the point has, and a fit that
-        finds nothing better than its start. The other start is as linearised about no effects.
+        stays where it starts. The other start is as linearised about no effects.
         """
         meter, current = self.meters[m], self.points[m]
         start = {a.name: (a, current[a.name][1]) for a in actives if a.name in current}
-        start = self._linearised(m, actives, plain=False) | start
+        if len(start) < len(actives):
+            start = self._linearised(m, actives, plain=False) | start
         found = fit_set(meter, actives, self.known, start)
         first, fewer = len(self.base) + 1, len(current)
-        stays = not found.settled and all(
-            found.point[n][1] is own for n, (_, own) in start.items()
-        )
+        stays = all(found.point[name][1] is own for name, (_, own) in start.items())
         if not current or not (stays or len(actives) == first or len(actives) < fewer):
             return found
         start = self._linearised(m, actives, plain=True)
@@ -228,7 +227,8 @@ class EffectSearch:
     def linearised(self, m: int, actives: Sequence[Active], *, plain: bool = False) -> Solution:
         """Solve a set linearised about the current point, at the most probable discrepancy."""
         meter, columns = self.meters[m], (self._plain[0] if plain else self.made)[m]
-        own = np.concatenate([np.r_[columns.places(active)] for active in actives])
+        places = [np.r_[columns.places(active)] for active in actives]
+        own = np.concatenate([np.empty(0, np.intp), *places])
         count = columns.effects.shape[1]
         kept = np.concatenate([own, np.arange(count, count + columns.nuisance.shape[1])])
         flat = [active.name in self.known for active in actives for _ in active.effect.terms]
@@ -259,7 +259,6 @@ class EffectSearch:
 
         def linearised(m: int) -> EffectColumns:
             meter = self.meters[m]
-            meter.about(self.points[m])
             columns = meter.columns(self.actives, self.points[m])
             meter.learn_noise(columns, self.known)
             return columns

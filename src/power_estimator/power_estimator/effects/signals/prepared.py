@@ -84,7 +84,7 @@ class Prepared:
         )
 
     def sparse(self) -> 'Prepared':
-        """Return the rows that the low-pass leaves independent, which say as much as all."""
+        """Return the rows that the low-pass leaves nearly independent: these say as much."""
         reducer = self.reducer.sparse()
         every = [np.arange(s.start, s.stop, reducer.every) for s in self.reducer.stretches()]
         rows = np.concatenate(every)
@@ -110,7 +110,7 @@ class Prepared:
     @property
     def seconds(self) -> float:
         """Length of the reduced signals in s; 0 for operating points."""
-        return 0.0 if self.steady else len(self.time) * self.reducer.every / REDUCED_RATE
+        return 0.0 if self.steady else self._seconds_of(len(self.time))
 
     @property
     def extent(self) -> str:
@@ -119,7 +119,10 @@ class Prepared:
 
     def extent_of(self, rows: int) -> str:
         """Return the length of a number of rows in words."""
-        return f'{rows} operating points' if self.steady else f'{rows / REDUCED_RATE:.0f} s'
+        return f'{rows} operating points' if self.steady else f'{self._seconds_of(rows):.0f} s'
+
+    def _seconds_of(self, rows: int) -> float:
+        return rows * self.reducer.every / REDUCED_RATE
 
     @cached_property
     def measured(self) -> Bools:

@@ -38,10 +38,13 @@ class Reducer:
         return 1 if self.steady else self.every * max(1, round(self.rate / REDUCED_RATE))
 
     def sparse(self) -> 'Reducer':
-        """Return a reducer to no more rows than the low-pass leaves independent: 25 Hz."""
-        if self.steady:
-            return self
-        return replace(self, every=max(1, int(self.rate / (2 * CUTOFF * self.factor))))
+        """Return a reducer to every so many rows that 25 a second are left, or a few more.
+
+        The low-pass makes rows 40 ms apart nearly independent (its autocorrelation there is 0.08).
+        """
+        dense = replace(self, every=1)
+        apart = int(self.rate / (2 * CUTOFF * dense.factor) + 1e-6)
+        return self if self.steady else replace(dense, every=max(1, apart))
 
     @cached_property
     def margin(self) -> int:
