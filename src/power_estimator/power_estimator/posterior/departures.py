@@ -9,7 +9,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
-from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.design import Active, weighted
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.posterior.discrepancy import fourier
 from power_estimator.posterior.priors import DEPARTURES, KINDS
@@ -59,7 +59,7 @@ class Departures:
             for form, spread in DEPARTURES[kind].items():
                 if kind in ('friction', 'viscous'):
                     at_one[len(formed)] = kind, spread * one.get(form, 0.0)
-                formed.append(spread * (watts * self._causes[form]).sum(axis=1))
+                formed.append(spread * np.einsum('td,td->t', watts, self._causes[form]))
                 causes.append(f'departures of {kind}')
         bent, bent_causes = self._bent(powers)
         reduced = self._builder.prepared.reduced(np.stack(formed).T)
@@ -76,7 +76,7 @@ class Departures:
             own = [powers[kind] for kind in kinds if kind in powers]
             if own:
                 watts = self._builder.prepared.reduced(np.sum(own, axis=0))
-                bent.append((share * watts[..., None] * bends).sum(axis=1))
+                bent.append(share * np.einsum('nd,ndb->nb', watts, bends))
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
 
@@ -84,7 +84,8 @@ class Departures:
         """Power of the shaft and of each kind of effect at a point, W [T, D]."""
         out = {'shaft': s.torque * s.velocity}
         for active, own in point.values():
-            power = self._builder.regressors(active, s) @ own
+            each = np.broadcast_to(own, (s.torque.shape[1], len(own)))
+            power = weighted(self._builder.regressors(active, s), each)
             by = active.effect.acts_on
             if by != 'power':
                 power = power * (s.motor_velocity + s.torque_cost if by == 'torque' else s.torque)

@@ -285,7 +285,7 @@ def _with_motion(
 
 def weighted(columns: Floats, coefficients: Floats) -> Floats:
     """Return columns [T, D, n] times coefficients [D, n], summed to [T, D]."""
-    if columns.shape[1] == 1 and columns.shape[2] > 2:
+    if columns.shape[1] == 1 and columns.shape[2] > 1:
         return np.asarray(columns[:, 0] @ coefficients[0])[:, None]
     total = columns[..., 0] * coefficients[:, 0]
     for term in range(1, coefficients.shape[1]):
