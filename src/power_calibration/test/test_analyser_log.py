@@ -74,6 +74,14 @@ def test_times_are_seconds_dates_times_of_day_and_epochs(tmp_path, stamp, start)
     np.testing.assert_allclose(log.time, TIME, atol=1e-6)
 
 
+@pytest.mark.parametrize('year', ['2025', '1904'])
+def test_the_day_of_a_date_comes_first_also_beside_a_damaged_one(tmp_path, year):
+    times = [f'15.06.{year} 14:00:00.{round(1e3 * t):03d}' for t in TIME]
+    times[3] = times[3].replace('15.06.', '15.16.')
+    log = Log.read(write(tmp_path / 'a.csv', times=times))
+    np.testing.assert_allclose(log.time, np.delete(TIME, 3), atol=1e-6)
+
+
 @pytest.mark.parametrize('head', ['Time [ms],U [mV],I [kA]', 'time_ms,U_mV,current_kA'])
 def test_units_in_the_heads_and_scales_in_the_mapping_are_applied(tmp_path, head):
     path = write(tmp_path / 'a.csv', head=head)

@@ -47,6 +47,19 @@ def test_an_error_that_the_user_can_mend_is_one_line_and_the_worker_goes_on(runn
     assert heard[-1] == ('done', {})
 
 
+def test_a_worker_that_cannot_be_started_leaves_no_job_behind(runner, monkeypatch):
+    def refuse(*args, **kwargs):
+        raise OSError('no memory')
+
+    with monkeypatch.context() as without:
+        without.setattr(subprocess, 'Popen', refuse)
+        with pytest.raises(OSError, match='no memory'):
+            runner.run('effects', 'effects', {'files': []})
+    assert not runner.busy
+    job = runner.run('effects', 'effects', {'files': []})
+    assert wait_until(lambda: job.state == 'done', 120)
+
+
 def test_a_cancelled_job_ends_with_its_process_and_the_next_one_runs(runner, heard):
     job = runner.run('open', 'open', {'source': Source(('/no/such/bag',)), 'spec': ''})
     pid = runner.pid

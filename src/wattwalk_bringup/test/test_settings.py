@@ -184,3 +184,9 @@ def test_what_a_launch_file_reads_needs_only_what_the_python_of_ros_has(here):
     )
     run = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
     assert run.stdout.split() == ['sim', 'daq', 'policy', 'estimator', 'recorder'], run.stderr
+
+
+def test_a_robot_is_not_told_to_start_and_not_to(here, capsys):
+    with pytest.raises(SystemExit):
+        main(['--start', '--no-start'])
+    assert 'argument --no-start: not allowed with argument --start' in capsys.readouterr().err

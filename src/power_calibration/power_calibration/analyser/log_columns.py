@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
 from power_recordings.importing.sources.source import Progress, number
-from power_recordings.importing.times import moments
+from power_recordings.importing.times import MISSING, moments
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, quoted
 
 _DATE = re.compile(r'(\d{4}-\d\d-\d\d|\d\d\.\d\d\.\d{4})[T ]\d\d:\d\d')
+_DOTTED = re.compile(r'^(\d\d)\.(\d\d)\.(\d{4})')
 _CLOCK = re.compile(r'\d{1,2}:\d\d:\d\d')
 
 
@@ -40,8 +41,10 @@ def _numbers(values: NDArray[np.generic], path: Path, is_time: bool) -> Floats:
         return number(values)
     sample = _sample(values)
     if _DATE.match(sample):
-        stamps = moments(values, str(path), strict=False)
-        return np.where(stamps >= 0, stamps / 1e9, np.nan)
+        # The day comes first, also beside a damaged date whose second number is above 12.
+        texts = [_DOTTED.sub(r'\3-\2-\1', text or '') for text in values.tolist()]
+        stamps = moments(np.array(texts, object), str(path), strict=False)
+        return np.where(stamps > MISSING, stamps / 1e9, np.nan)
     if _CLOCK.match(sample):
         return _clocks(values.tolist())
     raise InputError(

@@ -22,6 +22,7 @@ _CLOCK: Final = (
     r'(?P<hour>\d{1,2}):(?P<minute>\d\d)(:(?P<seconds>\d\d)([.,:](?P<rest>\d{1,9}))?)?'
     r'\s*(?P<half>[AaPp])?\.?(?(half)[Mm]\.?)'
 )
+MISSING: Final = int(np.iinfo(np.int64).min)
 _ZONE: Final = r'\s*(?P<zone>Z|UTC|GMT|[+-]\d\d:?\d\d)?'
 _BOTH: Final = re.compile(rf'{_DATE}[T_, ]+{_CLOCK}{_ZONE}')
 _ALONE: Final = re.compile(rf'{_CLOCK}')
@@ -42,14 +43,16 @@ def moments(texts: NDArray[Any], where: str, *, strict: bool = True) -> Stamps:
     """Parse texts [N] to ns since 1970, or since midnight without a date; −1 for empty ones.
 
     In dates with the year last, the month comes first if any text has AM or PM or a second number
-    above 12. InputError, which begins with `where`, for a text that is no time; −1 if not strict.
+    above 12. InputError, which begins with `where`, for a text that is no time; if not strict,
+    MISSING of this and of an empty one.
     """
     given = ['' if text is None else str(text).strip() for text in texts.tolist()]
     month_first = any(map(_is_month_first, given))
-    stamps = np.full(len(given), -1, np.int64)
+    missing = -1 if strict else MISSING
+    stamps = np.full(len(given), missing, np.int64)
     for row, text in enumerate(given):
         try:
-            stamps[row] = _moment(text, month_first) if text else -1
+            stamps[row] = _moment(text, month_first) if text else missing
         except (ValueError, OverflowError):
             if strict:
                 raise InputError(

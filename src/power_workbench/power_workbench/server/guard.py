@@ -57,7 +57,8 @@ class PageGuard:
 
     def _refusal(self, request: Request) -> tuple[int, str] | None:
         headers, method = request.headers, request.method
-        if headers.get('host', '').lower() not in self._hosts:
+        hosts = headers.getlist('host')
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return 403, 'This is not the address of the workbench.'
         origin = headers.get('origin')
         if origin is not None and origin.lower() not in self._origins:

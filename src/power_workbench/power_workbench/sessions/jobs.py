@@ -68,6 +68,7 @@ class JobRunner(PipedProcess):
         with self._lock:
             if self.busy:
                 raise RuntimeError('a job is running')
+            self._start()
             self.job = SessionJob(name)
             self._request(request, arguments)
             return self.job

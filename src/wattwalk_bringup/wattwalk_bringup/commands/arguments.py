@@ -39,4 +39,9 @@ def live(parser: ArgumentParser, args: Arguments) -> Namespace:
                 metavar='|'.join(argument.choices) or argument.name.upper(),
                 help=argument.description,
             )
-    return parser.parse_args(own_arguments(args))
+    own = own_arguments(args)
+    for argument in arguments():
+        option = argument.name.replace('_', '-')
+        if argument.is_flag and {f'--{option}', f'--no-{option}'} <= {*own}:
+            parser.error(f'argument --no-{option}: not allowed with argument --{option}')
+    return parser.parse_args(own)
