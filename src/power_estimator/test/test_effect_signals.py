@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from power_estimator.effects.signals import pieces
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.signals.reducer import REDUCED_RATE, Reducer
 from power_recordings.alignment.dataset import AlignedDataset
@@ -135,7 +136,7 @@ def test_sparse_rows_are_no_fewer_than_25_a_second(rate, factor):
 
 def test_sparse_rows_are_every_second_row_of_each_stretch():
     prepared = prepare(dataset(gap=14.0))
-    sparse = prepared.sparse()
+    sparse = pieces.sparse(prepared)
     first, second = prepared.reducer.stretches()
     rows = [*range(first.start, first.stop, 2), *range(second.start, second.stop, 2)]
     assert sparse.time == pytest.approx(prepared.time[rows])

@@ -12,6 +12,7 @@ from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
+from power_estimator.effects.signals.pieces import sparse
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.posterior.fitted_set import settle
@@ -28,7 +29,7 @@ def posteriors(
     model: EffectModel, prepared: Prepared, base: BasePower | None = None, seed: int = 0
 ) -> list[MeterSummary]:
     """Draw the coefficients of a model's effects for each meter."""
-    prepared = replace(prepared.sparse(), signals=with_quiet_rates(prepared.signals))
+    prepared = replace(sparse(prepared), signals=with_quiet_rates(prepared.signals))
     actives: Sequence[Active] = model.structure.actives
     if prepared.whole:
         actives = expanded(actives, prepared.signals)

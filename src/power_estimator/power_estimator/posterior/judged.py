@@ -15,6 +15,7 @@ from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.orders import PERIODIC, Orders, orders_of
 from power_estimator.effects.fit.whole_robot import shared_by_size
+from power_estimator.effects.signals.pieces import sparse
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
 from power_estimator.posterior.fitted_set import errors_beside
@@ -104,10 +105,10 @@ def judged_effects(
     names = {active.name.partition('@')[0] for active in known}
     fixed = [active for active in known if active.effect.fixed is not None]
     free = [active for active in known if active.effect.fixed is None]
-    sparse = prepared.sparse()
+    apart = sparse(prepared)
     cogs = any(one.name == PERIODIC and one.tried_on(signals) for one in catalogue.physics())
-    orders = _orders((prepared, sparse), fixed, free, base) if cogs else Orders()
-    problems = meter_problems(sparse, fixed, base)
+    orders = _orders((prepared, apart), fixed, free, base) if cogs else Orders()
+    problems = meter_problems(apart, fixed, base)
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
@@ -160,9 +161,9 @@ def _orders(
     prepared: all rows, and those that effects are fitted on.
     """
     own = [active for active in known if active.name.partition('@')[0] != PERIODIC]
-    meters, sparse = (meter_problems(one, fixed, base) for one in prepared)
+    meters, fitted = (meter_problems(one, fixed, base) for one in prepared)
     searched = representatives(meters)
-    errors = for_each(lambda d: errors_beside(meters[d], sparse[d], own), searched)
+    errors = for_each(lambda d: errors_beside(meters[d], fitted[d], own), searched)
     return orders_of(list(itertools.chain(*errors)))
 
 

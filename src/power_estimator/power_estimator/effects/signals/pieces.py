@@ -98,3 +98,18 @@ def _joined(starts: Sequence[int], sizes: Sequence[int]) -> NDArray[np.intp]:
     return np.concatenate(
         [start + np.arange(size) for start, size in zip(starts, sizes, strict=True)]
     )
+
+
+def sparse(prepared: Prepared) -> Prepared:
+    """Return the rows that the low-pass leaves nearly independent: these say as much."""
+    reducer = prepared.reducer.sparse()
+    stretches = prepared.reducer.stretches()
+    rows = np.concatenate([np.arange(s.start, s.stop, reducer.every) for s in stretches])
+    return replace(
+        prepared,
+        reducer=reducer,
+        power=prepared.power[:, rows],
+        time=prepared.time[rows],
+        recording=prepared.recording[rows],
+        part=None,
+    )

@@ -83,20 +83,6 @@ class Prepared:
             noise=self.noise[[index]],
         )
 
-    def sparse(self) -> 'Prepared':
-        """Return the rows that the low-pass leaves nearly independent: these say as much."""
-        reducer = self.reducer.sparse()
-        every = [np.arange(s.start, s.stop, reducer.every) for s in self.reducer.stretches()]
-        rows = np.concatenate(every)
-        return replace(
-            self,
-            reducer=reducer,
-            power=self.power[:, rows],
-            time=self.time[rows],
-            recording=self.recording[rows],
-            part=None,
-        )
-
     @property
     def scale(self) -> DriveScale:
         """Scale of the metered drives, or of the robot."""
