@@ -19,7 +19,7 @@ Point = Mapping[str, tuple[Active, Floats]]
 _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
-_SHAFT: Final = 0.1  # of an effect's smooth departure: a torque sensor is nearly linear
+_SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Departed:
 
 
 class Departures:
-    """Departures of a meter's effects, which are as large as these are at a point."""
+    """Departures of a meter's effects from their formulas, in proportion to their power."""
 
     def __init__(self, builder: DesignBuilder) -> None:
         """builder: of the meter, which has its signals."""
@@ -126,12 +126,12 @@ class Departures:
 
     @cached_property
     def _bends_by_load(self) -> Floats:
-        """The same of copper loss, which departs by the load alone [N, D, b]."""
+        """The same of copper loss, which departs smoothly with the load alone [N, D, b]."""
         return self._fourier({'load': 1.0}, 3)
 
     @cached_property
     def _bends_by_torque(self) -> Floats:
-        """The same of a torque sensor, whose line bends by the torque alone [N, D, b]."""
+        """The same of a torque sensor, which departs smoothly with the torque alone [N, D, b]."""
         return self._fourier({'load': 1.0, 'side': 0.7}, 4)
 
     def _fourier(self, weights: Mapping[str, float], count: int) -> Floats:

@@ -8,6 +8,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
+from power_estimator.effects.signals.prepared import rate_of
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ class SensorErrors:
         moves = float(not s.steady)
         minutes = moves * (s.time - s.time.mean())[:, None] / 60.0
         voltage = s.voltage / s.voltage.shape[1]
-        rate = moves * _rate(power, s.rate)
+        whole = [slice(0, len(power))]
+        rate = moves * rate_of(power, whole, s.rate)
         errors = {
             'power_gain': power,
             'torque_scale': s.torque * slope,
@@ -106,20 +108,12 @@ class SensorErrors:
             'torque_lag': slope * s.torque_rate,
             'time_offset': -rate,
             # A low-pass whose delay is out: T²/2 times the second rate.
-            'meter_filter': _rate(rate, s.rate),
+            'meter_filter': rate_of(rate, whole, s.rate),
         }
         return [
             np.broadcast_to(spread * errors[name], s.torque.shape)
             for name, spread in zip(SENSORS, self.spread, strict=True)
         ]
-
-
-def _rate(values: Floats, rate: float) -> Floats:
-    """Rate of change [T, D] by central differences; a tenth of `np.gradient`'s time."""
-    out = np.empty_like(values)
-    out[1:-1] = (values[2:] - values[:-2]) * (rate / 2.0)
-    out[[0, -1]] = (values[[1, -1]] - values[[0, -2]]) * rate
-    return out
 
 
 def slip(torque: Floats, share: float) -> Floats:

@@ -68,7 +68,7 @@ class JobRunner(PipedProcess):
         with self._lock:
             if self.busy:
                 raise RuntimeError('a job is running')
-            self._start()
+            self._start()  # where that fails, no job is left behind
             self.job = SessionJob(name)
             self._request(request, arguments)
             return self.job

@@ -1,4 +1,4 @@
-"""Pieces of long recordings, evenly spread, to judge on instead of all of them."""
+"""Parts of recordings to judge on: evenly spread pieces of long ones, and one row in a few."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

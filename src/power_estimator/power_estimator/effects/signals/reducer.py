@@ -20,7 +20,7 @@ _TOGETHER = 16  # outputs made by one matrix product
 
 @dataclass(frozen=True)
 class Reducer:
-    """Low-pass at 12.5 Hz and decimation to 50 Hz, the same for every product and for the power.
+    """Low-pass at 12.5 Hz and decimation to 50 Hz or less, the same for products and power.
 
     With a window in s it is the mean over that window: energy, for slow meters. Steady operating
     points are taken one by one.
