@@ -170,6 +170,20 @@ def _found(rows: Iterable[Row]) -> Iterator[bool]:
                 yield sum(stated.get(name, 0.0) for name in any_of) >= 0.95
 
 
+def detections(rows: Sequence[Row]) -> Table:
+    """Return a table of plants' hidden effects that are found, by what known effects leave."""
+    table = Table('known effects leave', 'found at ≥ 95 %', title='hidden effects, of the power')
+    for least in (FLOOR, 0.02, 0.0):
+        found = [
+            dict(row['statements']).get(effect, 0.0) >= 0.95
+            for row in rows
+            for effect, watts in row.get('apart', {}).items()
+            if effect in row['missing'] and watts >= least * row['rms_w']
+        ]
+        table.add_row(f'{least:.0%} or more', share(sum(found), len(found)))
+    return table
+
+
 def _left_alone(rows: Iterable[Row]) -> Iterator[bool]:
     """Yield for each recording in which nothing is hidden whether no effect was named."""
     for row in rows:
@@ -186,6 +200,7 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         coverage(good),
         measurement(good),
         beside_hidden(good),
+        detections(good),
         by(good, 'family', lambda row: row['family']),
         by(good, 'length', lambda row: row['seconds']),
         by(good, 'drives', lambda row: row['drives']),
@@ -214,6 +229,7 @@ def answer(question: Question, judge: str) -> dict[str, Any]:
             'impossible': sorted(sealed.impossible),
             'coefficients': {name: dict(own) for name, own in sealed.coefficients.items()},
             'watts': dict(sealed.watts),
+            'apart': dict(sealed.apart),
             'rate': sealed.data.rate,
             'rms_w': rms(metered(sealed.data)),
         }

@@ -37,7 +37,7 @@ class Sealed:
 
     known: effects of the base model. missing: effects that it lacks. impossible: effects that
     physics rules out. coefficients: true values by drive and name. watts: RMS change of power by
-    each hidden effect.
+    each hidden effect. apart: what the known effects leave of it.
     """
 
     data: AlignedDataset
@@ -45,6 +45,7 @@ class Sealed:
     missing: frozenset[str]
     coefficients: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     watts: Mapping[str, float] = field(default_factory=dict)
+    apart: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True  # whether all that is missing is in `missing`
     impossible: frozenset[str] = frozenset()
 
@@ -109,8 +110,8 @@ class OfPlant:
             name: {**truth.coefficients, 'k': truth.coefficients[at]}
             for name, truth in found.drives.items()
         }
-        watts = hidden_watts(self.case) if self.case.hidden else {}
-        return Sealed(found.data, found.known, found.missing | wrong, coefficients, watts)
+        watts, apart = (hidden_watts(self.case, apart=one) for one in (False, True))
+        return Sealed(found.data, found.known, found.missing | wrong, coefficients, watts, apart)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from reliability import (
     beside_hidden,
     by,
     covered,
+    detections,
     measurement,
     said,
     share,
@@ -60,6 +61,14 @@ def test_effects_too_small_to_find_are_not_missed():
     assert list(table.columns[4].cells) == ['–']
     table = by([ROW], 'family', lambda row: row['family'])
     assert list(table.columns[4].cells) == ['1.00 [0.03, 1.00] of 1']
+
+
+def test_found_effects_are_counted_by_what_known_effects_leave_of_them():
+    rows = [ROW | {'apart': {'spring': part * ROW['rms_w']}} for part in (0.06, 0.03, 0.001)]
+    rows[0]['statements'] = []
+    found = list(detections(rows).columns[1].cells)
+    assert [cell.rpartition(' ')[2] for cell in found] == ['1', '2', '3']
+    assert [cell.partition(' ')[0] for cell in found] == ['0.00', '0.50', '0.67']
 
 
 def test_names_of_one_family_find_a_hidden_effect_together():

@@ -120,6 +120,14 @@ def test_hidden_effect_exists_and_is_not_known():
     assert twice == pytest.approx(2 * hidden_watts(hidden)['cogging'], rel=0.1)
 
 
+def test_known_effects_leave_a_part_of_what_a_hidden_one_changes():
+    """Heating is all but a factor of copper loss; cogging is like no other effect."""
+    hidden = Case('elastic', 'walk', 10.0, hidden=('cogging', 'winding_heating'))
+    changed, left = (hidden_watts(hidden, apart=apart) for apart in (False, True))
+    assert left['winding_heating'] < 0.5 * changed['winding_heating']
+    assert 0.8 * changed['cogging'] < left['cogging'] <= changed['cogging']
+
+
 def test_another_run_of_a_plant_has_its_figures():
     one, other = Case('robot', 'walk', 5.0), Case('robot', 'walk', 5.0, seed=9, plant_seed=0)
     assert draw(one) == draw(other)

@@ -94,18 +94,25 @@ def record(case: Case) -> Recorded:
     return Recorded(case, plant, data, drives, made.power, parts)
 
 
-def hidden_watts(case: Case) -> dict[str, float]:
-    """W rms over all drives by which each hidden effect changes the power at the meter."""
+def hidden_watts(case: Case, *, apart: bool = False) -> dict[str, float]:
+    """W rms over all drives by which each hidden effect changes the power at the meter.
+
+    apart: only what the true power of the known effects, each times any factor, cannot take over.
+    """
     plant = draw(case)
-    whole = simulate(case, plant).power
+    made = simulate(case, plant)
+    known = [PARTS.index(name) for name in PARTS if name in plant.judged - {*case.hidden}]
+    known = [PARTS.index('shaft'), *known] if apart else []
     sizes = {}
     for name in case.hidden:
         if name == 'cross_talk':
-            crossed = whole * [drive.cross_talk for drive in plant.drives]
-            sizes[name] = float(np.sqrt(np.square(crossed).mean()))
-            continue
-        without = simulate(case, plant.only(plant.exists - {name})).power
-        sizes[name] = float(np.sqrt(np.square(whole - without).mean()))
+            changed = made.power * [drive.cross_talk for drive in plant.drives]
+        else:
+            changed = made.power - simulate(case, plant.only(plant.exists - {name})).power
+        for d in range(len(plant.drives)):
+            parts = made.parts[:, d, known].astype(np.float64)
+            changed[:, d] -= parts @ np.linalg.lstsq(parts, changed[:, d], rcond=None)[0]
+        sizes[name] = float(np.sqrt(np.square(changed).mean()))
     return sizes
 
 

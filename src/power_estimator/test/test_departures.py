@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
+from power_estimator.effects.signals.reducer import Reducer
 from power_estimator.posterior.departures import Departures
 
 EFFECTS = builtin_catalogue()
@@ -31,9 +32,12 @@ def signals(cost=0.0):
 def departures():
     """Departures on signals that pass as they are, and on regressors of their textbook."""
     regressors = {'copper_loss': TORQUE**2, 'viscous_friction': SPEED}
+    as_they_are = Reducer(100.0, (slice(0, len(TIME)),), steady=True)
     return Departures(
         SimpleNamespace(
-            prepared=SimpleNamespace(signals=signals(), reduced=lambda values: values),
+            prepared=SimpleNamespace(
+                signals=signals(), reducer=as_they_are, reduced=as_they_are.reduce
+            ),
             regressors=lambda active, s: regressors[active.name][:, None, None],
         )
     )

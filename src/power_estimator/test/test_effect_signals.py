@@ -134,6 +134,18 @@ def test_sparse_rows_are_no_fewer_than_25_a_second(rate, factor):
     assert Reducer(rate, (slice(0, 4000),), steady=True).sparse().factor == 1
 
 
+@pytest.mark.parametrize(
+    ('rate', 'samples'), [(400.0, 999 + 974), (1000.0, 399 + 389), (80.0, 8000)]
+)
+def test_means_of_a_few_samples_are_reduced_as_all_of_them_are(rate, samples):
+    """Of 400 a second 100 are left; a mean over 10 ms takes 0.13 % off 3 Hz."""
+    reducer = Reducer(rate, (slice(0, 4000), slice(4100, 8000))).sparse()
+    slow = np.sin(2 * np.pi * 3.0 * np.arange(8000) / rate)
+    thin = reducer.thin(slow[:, None])
+    assert len(thin) == samples
+    assert reducer.reduce_thin(thin)[:, 0] == pytest.approx(reducer.reduce(slow), abs=2e-3)
+
+
 def test_sparse_rows_are_every_second_row_of_each_stretch():
     prepared = prepare(dataset(gap=14.0))
     sparse = pieces.sparse(prepared)

@@ -11,6 +11,7 @@ from wattwalk_core.arrays import Floats
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, weighted
 from power_estimator.effects.fit.design_builder import DesignBuilder
+from power_estimator.effects.signals.reducer import Reducer
 from power_estimator.posterior.discrepancy import fourier
 from power_estimator.posterior.priors import DEPARTURES, KINDS
 
@@ -59,10 +60,10 @@ class Departures:
             for form, spread in DEPARTURES[kind].items():
                 if kind in ('friction', 'viscous'):
                     at_one[len(formed)] = kind, spread * one.get(form, 0.0)
-                formed.append(spread * np.einsum('td,td->t', watts, self._causes[form]))
+                formed.append(spread * np.einsum('td,td->t', watts, self._thin_causes[form]))
                 causes.append(f'departures of {kind}')
         bent, bent_causes = self._bent(powers)
-        reduced = self._builder.prepared.reduced(np.stack(formed).T)
+        reduced = self._reducer.reduce_thin(np.stack(formed).T)
         return Departed(reduced, tuple(causes), at_one, bent, tuple(bent_causes))
 
     def _bent(self, powers: Mapping[str, Floats]) -> tuple[Floats, list[str]]:
@@ -75,13 +76,13 @@ class Departures:
         ):
             own = [powers[kind] for kind in kinds if kind in powers]
             if own:
-                watts = self._builder.prepared.reduced(np.sum(own, axis=0))
+                watts = self._reducer.reduce_thin(np.sum(own, axis=0))
                 bent.append(share * np.einsum('nd,ndb->nb', watts, bends))
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
 
     def _powers(self, point: Point, s: Signals) -> Mapping[str, Floats]:
-        """Power of the shaft and of each kind of effect at a point, W [T, D]."""
+        """Power of the shaft and of each kind of effect at a point, W [K, D] when thinned."""
         out = {'shaft': s.torque * s.velocity}
         for active, own in point.values():
             each = np.broadcast_to(own, (s.torque.shape[1], len(own)))
@@ -91,11 +92,19 @@ class Departures:
                 power = power * (s.motor_velocity + s.torque_cost if by == 'torque' else s.torque)
             kind = KINDS.get(active.name.partition('@')[0], 'other')
             out[kind] = out[kind] + power if kind in out else power
-        return out
+        return {kind: self._reducer.thin(power) for kind, power in out.items()}
 
     @property
     def _signals(self) -> Signals:
         return self._builder.prepared.signals
+
+    @property
+    def _reducer(self) -> Reducer:
+        return self._builder.prepared.reducer
+
+    @cached_property
+    def _thin_causes(self) -> Mapping[str, Floats]:
+        return {name: self._reducer.thin(cause) for name, cause in self._causes.items()}
 
     @cached_property
     def _causes(self) -> Mapping[str, Floats]:

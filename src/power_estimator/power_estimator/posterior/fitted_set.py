@@ -16,6 +16,7 @@ from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE,
 
 _ITERATIONS = 6
 _SETTLED = 1.0  # nats
+_STALE = 2  # points in turn that gain no more than that
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
 _CELLS = _SIZES * len(SIZES)
@@ -127,7 +128,7 @@ def fit_set(
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
     count = _SIZES if known_all(actives, known) else _CELLS
     best: FittedSet | None = None
-    here, last = np.empty(0), -np.inf
+    here, last, stale = np.empty(0), -np.inf, 0
     for _ in range(_ITERATIONS):
         columns = meter.columns(actives, point)
         found, place = cells(meter, columns, known)
@@ -137,9 +138,10 @@ def fit_set(
             here = values_of(point, actives)
             logs = np.array([cell.at(here / columns.watts) for cell in found])
             evidence = float(logsumexp(logs) - np.log(count))
+            stale = stale + 1 if best and evidence < best.evidence + _SETTLED else 0
             if best is None or evidence > best.evidence:
                 best = FittedSet(evidence, point, place)
-            settled = abs(evidence - last) < _SETTLED
+            settled = abs(evidence - last) < _SETTLED or stale == _STALE
             if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
                 break
         values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts

@@ -21,6 +21,7 @@ from power_estimator.posterior.departures import Departures, Point
 from power_estimator.posterior.discrepancy import Features, smooth_features
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import NormalEquations, Standing, Weighed, marginalised
+from power_estimator.posterior.noise import learned_errors
 from power_estimator.posterior.priors import (
     BAD_CABLE,
     BLOCK,
@@ -34,6 +35,8 @@ from power_estimator.posterior.sensors import SENSORS, UNMOVED, SensorErrors
 
 FRICTIONS: Final = ('viscous_friction', 'coulomb_friction', 'stribeck_friction')
 """Effects that the friction at 1 rad/s consists of, without load."""
+_SPREADS: Final = (0.1, 1.0, 0.01, 0.01)
+"""Prior spreads of effects, nuisances, bent columns and features where the noise is learned."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,9 @@ class Noise:
     """Spread of the errors, and what is weighted by it once for all sets of effects."""
 
     variance: float  # W²
+    lasting: float  # W², of the errors with those of the next row
     rows: NDArray[np.intp]  # [K] that count
+    starts: NDArray[np.intp]  # of the blocks among these
     left: Floats  # W [K], that no column explains
     root: Floats  # of their weights, 1/W [K, 1]
     absent: Sequence[object]  # keys of effects, by column of what may be absent
@@ -167,36 +172,17 @@ class MeterProblem:
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
         """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""
         rows = np.flatnonzero(self.used)
-        parts = columns.effects, columns.nuisance, columns.bent, self._general_w
-        a = np.concatenate(parts, axis=1)[rows]
+        every, spread = self._all_columns(columns)
         y = (self.power() - columns.constant)[rows]
-        count = columns.effects.shape[1]
-        spread = np.repeat([0.1, 1.0, 0.01, 0.01], [own.shape[1] for own in parts])
         rate = len(self.used) / max(float(np.ptp(self.prepared.time)), 1e-9)
         # Operating points are independent of one another.
         count_of = len(rows) if self.prepared.steady else round(len(rows) / (rate * BLOCK))
         blocks = np.array_split(np.arange(len(rows)), max(4, count_of))
         blocks = [block for block in blocks if len(block)]
-        share, variance = np.ones(len(blocks)), 1e-3 * float(y @ y) / len(y)
-        for _ in range(3):
-            weights = np.concatenate(
-                [np.full(len(b), w) for b, w in zip(blocks, share, strict=True)]
-            )
-            weighed = a * np.sqrt(weights)[:, None]
-            gram, moment = weighed.T @ weighed, a.T @ (weights * y)
-            for _ in range(3):
-                x = np.linalg.solve(gram / variance + np.diag(spread**-2), moment / variance)
-                left = y - a @ x
-                variance = max(float(weights @ left**2 / len(y)), 1e-12 * self.rms**2)
-            errors = np.array([np.mean(left[b] ** 2) for b in blocks])
-            share = 5.0 / (4.0 + errors / np.median(errors))  # Student's t with 4 degrees
-            share /= share.max()
-        scores = np.stack([(weights[b] * left[b]) @ a[b] for b in blocks]) / variance
-        inverse = np.linalg.inv(gram / variance + np.diag(spread**-2))
-        meat = np.einsum('ij,ji->i', inverse, scores.T @ scores)[:count].sum()
-        bread = np.einsum('ij,ji->i', inverse, gram / variance)[:count].sum()
-        tempering = max(self._overlapping(), float(meat / max(bread, 1e-12)))
-        root = np.sqrt(weights / (variance * tempering))[:, None]
+        least = 1e-12 * self.rms**2
+        found = learned_errors(every[rows], spread, y, columns.effects.shape[1], blocks, least)
+        tempering = max(self._overlapping(), found.tempering)
+        root = np.sqrt(found.weights / (found.variance * tempering))[:, None]
         power = self.prepared.power[:, rows, 0].T.astype(np.float64)
         terms = [active for active in columns.actives for _ in active.effect.terms]
         counts = Counter(active.name for active in terms)
@@ -204,7 +190,33 @@ class MeterProblem:
         spike = SPIKE / np.sqrt([counts[terms[i].name] for i in new])
         absent = columns.effects[:, new][rows] * (spike * root)
         standing = Standing.of(self._general_w[rows] * root, power * root, absent)
-        self.noise = Noise(variance, rows, left, root, [terms[i].key for i in new], standing)
+        lasting = found.variance if self.prepared.steady else found.lasting(rows)
+        starts = np.cumsum([0, *(len(block) for block in blocks[:-1])])
+        keys = [terms[i].key for i in new]
+        self.noise = Noise(found.variance, lasting, rows, starts, found.left, root, keys, standing)
+
+    def scatter(self, columns: EffectColumns, places: slice, values: Floats) -> Floats:
+        """Squares of an effect's score, by blocks and as the noise has them, W⁰ [2].
+
+        values: of the effect. Where errors are larger just when it draws power, such as at a
+        foot's landing, the first are larger than the second.
+        """
+        assert self.noise is not None
+        rows, root = self.noise.rows, self.noise.root
+        every, spread = self._all_columns(columns)
+        every = every[rows] * root
+        own = every[:, places] @ values
+        rest = np.delete(every * spread, np.r_[places], axis=1)
+        taken = np.linalg.solve(rest.T @ rest + np.eye(rest.shape[1]), rest.T @ own)
+        apart = own - rest @ taken
+        scores = np.add.reduceat(apart * self.noise.left * root[:, 0], self.noise.starts)
+        return np.array([scores @ scores, apart @ apart])
+
+    def _all_columns(self, columns: EffectColumns) -> tuple[Floats, Floats]:
+        """Columns of effects, nuisances and the discrepancy [N, k], with prior spreads [k]."""
+        parts = columns.effects, columns.nuisance, columns.bent, self._general_w
+        spread = np.repeat(_SPREADS, [own.shape[1] for own in parts])
+        return np.concatenate(parts, axis=1), spread
 
     def _overlapping(self) -> float:
         """Rows whose windows overlap, of a slow meter; 1 of all others."""

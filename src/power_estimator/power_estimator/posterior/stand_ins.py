@@ -45,6 +45,20 @@ class LogOdds:
 
 
 @dataclass(frozen=True)
+class Apart:
+    """Part of an effect that others can't show."""
+
+    watts: Floats  # W rms by meter [M]
+    scatter: float  # variance of its score over blocks, over that of the noise; 1 at least
+
+    def odds(self, before: float, after: float, left: Floats) -> LogOdds:
+        """Log odds whose evidence counts by this part; left: discrepancy in W rms by meter [M]."""
+        return LogOdds(
+            before, before + (after - before) / self.scatter, ratio_of(self.watts, left)
+        )
+
+
+@dataclass(frozen=True)
 class StandIn:
     """Another effect in the place of one of the most probable set."""
 
@@ -94,20 +108,20 @@ def judged_set(
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
         without = _without(search, chosen, fewer)
-        own = _apart_w(search, chosen, place, None, left)
+        own = _apart(search, chosen, place, None, left)
         before = search.prior_odds(name)
-        none = LogOdds(before, here - without, ratio_of(own, left))
+        none = own.odds(before, here - without, left)
         best = search.best_new(search.swaps(chosen, place), fewer, chosen)
         stand_ins = []
         for score, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
             other = search.prior_odds(search.names[new])
             known = before - other + _by_share(search, chosen, name, search.names[new])
-            apart = ratio_of(_apart_w(search, chosen, place, new, left), left)
+            apart = _apart(search, chosen, place, new, left)
             linear = known + _SCREENING * (screened - score - known)
-            if LogOdds(known, linear, apart).over_other >= _SURE:
+            if apart.odds(known, linear, left).over_other >= _SURE:
                 continue
             fitted = search.score(each)
-            against = LogOdds(known, here - fitted, apart)
+            against = apart.odds(known, here - fitted, left)
             ratio = ratio_of(_explained_w(search, each, new), left)
             alone = LogOdds(other, fitted - without, ratio)
             stand_ins.append(StandIn(new, each, against, alone))
@@ -160,10 +174,10 @@ def ratio_of(own: Floats, left: Floats) -> float:
     return rms(np.minimum(own / left, _MOST_RATIO))
 
 
-def _apart_w(
+def _apart(
     search: EffectSearch, chosen: Chosen, place: int, instead: int | None, left: Floats
-) -> Floats:
-    """W rms of an effect that the rest, and another in its place, can't show, by meter [M].
+) -> Apart:
+    """What the rest, and another in its place, can't show of an effect.
 
     Scales of sensors that are off by three spreads, which is hardly ever, cost as much as a ratio
     to the discrepancy (left in W rms) at which evidence counts half.
@@ -171,7 +185,7 @@ def _apart_w(
     effect = search.actives[place]
     rest = [search.actives[i] for i in chosen if i != place]
     rest += [] if instead is None else [search.actives[instead]]
-    sizes = []
+    sizes, scatter = [], np.zeros(2)
     for meter, point, size in zip(search.meters, search.points, left, strict=True):
         columns = meter.columns([*rest, effect], point)
         places = columns.places(effect)
@@ -186,4 +200,5 @@ def _apart_w(
         both = np.concatenate([base, price])
         weights, *_ = np.linalg.lstsq(both, target, rcond=None)
         sizes.append(np.sqrt(np.sum(np.square(target - both @ weights)) / len(base)))
-    return np.array(sizes)
+        scatter += meter.scatter(columns, places, values)
+    return Apart(np.array(sizes), max(1.0, float(scatter[0] / max(scatter[1], 1e-12))))

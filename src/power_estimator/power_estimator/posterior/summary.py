@@ -81,15 +81,18 @@ def summarised(
     smooth = meter.smooth(columns, best.normal, mean, place)
     parts = np.concatenate([departures, smooth], axis=1)[meter.used]
     together = parts.sum(axis=1)
-    size = rms(together)
+    every = np.concatenate([columns.effects, columns.constant[:, None]], axis=1)[meter.used]
+    size = rms(less(together[:, None], every, np.ones(len(parts), dtype=bool)))
     # Known effects and the meter's gain are free: what they take, the discrepancy gives back.
     free = columns.effects[:, columns.places_of(known)]
     free = np.concatenate([free, columns.constant[:, None]], axis=1)[meter.used]
     left = rms(less(together[:, None], free, np.ones(len(parts), dtype=bool)))
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
-    if of_meter < noise:  # what is not smooth either, such as a fan that is switched
-        left = float(np.sqrt(left**2 + noise**2 - of_meter**2))
+    if meter.noise and of_meter < noise:
+        # What is not smooth but lasts, such as a fan that is switched.
+        lasts = min(max(meter.noise.lasting, 0.0), noise**2 - of_meter**2)
+        left = float(np.sqrt(left**2 + lasts))
     apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
     unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
     costs = {

@@ -1,6 +1,7 @@
 """Low-pass and decimation of products and power, alike for all."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -16,6 +17,7 @@ EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 """Delays of the power against the joint signals that a fit tries, s."""
 _BETA = 4.9  # of its Kaiser window: 53 dB beyond 16.5 Hz
 _TOGETHER = 16  # outputs made by one matrix product
+_FINE = 100.0  # samples a second: what folds down onto the rows is faster than 83 Hz
 
 
 @dataclass(frozen=True)
@@ -60,14 +62,52 @@ class Reducer:
             return np.array(values, np.float64)
         taps = self._taps(shift)
         start = self.margin - len(taps) // 2
+        slices = [slice(part.start + start, part.stop) for part in self.slices]
+        return self._by_stretch(values, slices, taps, self.factor)
+
+    def thin(self, values: Floats) -> Floats:
+        """Return means [K, …] of a few samples of a signal [T, …], _FINE a second or more."""
+        if self.steady or self._stride == 1:
+            return values
+        parts = []
+        for part in self.slices:
+            count = (part.stop - part.start - 1) // self._stride
+            own = values[part.start + 1 :][: count * self._stride]
+            parts.append(own.reshape(count, self._stride, *values.shape[1:]).mean(axis=1))
+        return np.concatenate(parts)
+
+    def reduce_thin(self, values: Floats) -> Floats:
+        """Return a thinned signal [K, …] low-passed and decimated to [N, …] as by `reduce`."""
+        stride = self._stride
+        if self.steady or stride == 1:
+            return self.reduce(values)
+        counts = [(part.stop - part.start - 1) // stride for part in self.slices]
+        ends = itertools.accumulate(counts, initial=0)
+        slices = [slice(start, stop) for start, stop in itertools.pairwise(ends)]
+        return self._by_stretch(values, slices, self._thin_taps, self.factor // stride)
+
+    @cached_property
+    def _thin_taps(self) -> Floats:
+        stride, half = self._stride, self.margin - 1
+        places = np.arange(2 * half // stride) * stride + 0.5 * (stride - 1)
+        return _low_pass((places - half) / self.rate, self.window)[::-1]
+
+    @cached_property
+    def _stride(self) -> int:
+        most = max(1, int(self.rate / _FINE))
+        return max(n for n in range(1, most + 1) if self.factor % n == 0)
+
+    def _by_stretch(
+        self, values: Floats | Singles, slices: Sequence[slice], taps: Floats, factor: int
+    ) -> Floats:
+        """Return values [L, …] reduced to [N, …]; slices: of these, by stretch."""
         stretches = self.stretches()
-        rows = _by_time(values)  # [k, T]
+        rows = _by_time(values)  # [k, L]
         out = np.empty((len(rows), stretches[-1].stop if stretches else 0))
         for places in self._alike:
-            parts = [rows[:, self.slices[place]][:, start:] for place in places]
+            parts = [rows[:, slices[place]] for place in places]
             together = parts[0] if len(parts) == 1 else np.concatenate(parts)
-            count = self._count(self.slices[places[0]])
-            reduced = _known(together, taps, self.factor, count)
+            reduced = _known(together, taps, factor, self._count(self.slices[places[0]]))
             for part, place in zip(np.split(reduced, len(places)), places, strict=True):
                 out[:, stretches[place]] = part
         return out.T.reshape(out.shape[1], *values.shape[1:])
@@ -106,11 +146,15 @@ class Reducer:
 @lru_cache(64)
 def _filter(half: int, rate: float, window: float, shift: float) -> Floats:
     """Coefficients of the low-pass at a delay, newest sample first; not to be changed."""
-    time = np.arange(-half, half + 1) / rate - shift
+    return _low_pass(np.arange(-half, half + 1) / rate - shift, window)[::-1]
+
+
+def _low_pass(time: Floats, window: float) -> Floats:
+    """Weights of samples at times (s) about an output."""
     if window:
         inside = np.abs(time) <= window / 2
-        return np.asarray(inside / inside.sum(), np.float64)[::-1]
-    return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)[::-1]
+        return np.asarray(inside / inside.sum(), np.float64)
+    return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)
 
 
 def _by_time(values: Floats | Singles) -> Floats:

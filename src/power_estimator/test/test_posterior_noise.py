@@ -1,0 +1,59 @@
+"""Errors that no effect explains, at figures that can be checked by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.signals.prepared import prepare
+from power_estimator.posterior.meter import MeterProblem
+from power_estimator.posterior.noise import RowErrors, learned_errors
+from power_estimator.posterior.rates import with_quiet_rates
+from power_estimator.posterior.stand_ins import Apart
+from truth_circuit import Truth, record
+
+
+def test_a_block_that_fits_badly_counts_less():
+    """Of ten blocks with errors of ±1 W one has ±4 W: Student's t gives it 1/4 of the others'."""
+    signs = np.tile([1.0, -1.0], 50)
+    power = 10.0 + signs * np.where(np.arange(100) < 10, 4.0, 1.0)
+    blocks = np.array_split(np.arange(100), 10)
+    found = learned_errors(np.ones((100, 1)), np.array([1e3]), power, 1, blocks, least=1e-9)
+    assert found.weights[:10] == pytest.approx(1 / 4, rel=1e-3)  # 5/(4 + 16) over 5/(4 + 1)
+    assert found.weights[10:] == pytest.approx(1.0)
+    assert found.variance == pytest.approx((0.9 * 1.0 + 0.1 * 16.0 / 4.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(('errors', 'lasting'), [([2.0, 2.0, 2.0], 4.0), ([2.0, -2.0, 2.0], -4.0)])
+def test_errors_last_that_are_those_of_the_next_row(errors, lasting):
+    found = RowErrors(4.0, np.array(errors), np.ones(3), 1.0)
+    assert found.lasting(np.array([0, 1, 2])) == lasting
+    assert found.lasting(np.array([0, 2, 4])) == 4.0  # no two rows are next to each other
+
+
+def test_evidence_counts_less_by_what_the_errors_scatter_along_an_effect():
+    truth = Truth({'copper_loss': 1.0, 'idle': 1.0}, 'walk', 20.0, 1)
+    prepared = prepare(record(truth).drives(['LF_KFE']))
+    own = replace(prepared, signals=with_quiet_rates(prepared.signals))
+    effects = builtin_catalogue()
+    meter = MeterProblem(own, [Active.of(effects['shaft'])], None)
+    actives = [Active.of(effects[name]) for name in ('copper_loss', 'idle')]
+    columns = meter.columns(actives, {})
+    meter.learn_noise(columns, ['copper_loss', 'idle'])
+    noise = meter.noise
+    assert noise is not None
+    white = np.random.default_rng(0).normal(size=len(noise.rows)) / noise.root[:, 0]
+    meter.noise = replace(noise, left=white)
+    squares, expected = meter.scatter(columns, slice(0, 1), np.ones(1))
+    assert squares == pytest.approx(expected, rel=0.8)
+    meter.noise = replace(noise, left=3.0 * white)
+    assert meter.scatter(columns, slice(0, 1), np.ones(1)) == pytest.approx(
+        [9 * squares, expected]
+    )
+
+
+def test_log_odds_come_closer_to_those_before_by_the_scatter():
+    one = np.ones(1)
+    odds = Apart(4.0 * one, 2.0).odds(-1.0, 9.0, one)
+    assert (odds.before, odds.after, odds.ratio) == (-1.0, 4.0, 4.0)
