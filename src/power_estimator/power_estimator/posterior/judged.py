@@ -19,11 +19,11 @@ from power_estimator.effects.signals.pieces import sparse
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
 from power_estimator.posterior.fitted_set import errors_beside
-from power_estimator.posterior.meter import meter_problems
+from power_estimator.posterior.meter import meter_problems, representatives
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import DOUBTED, NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import Chosen, EffectSearch, representatives
+from power_estimator.posterior.search import Chosen, EffectSearch
 from power_estimator.posterior.sensors import SCALES, spreads
 from power_estimator.posterior.stand_ins import InSet, judged_set, ratio_of
 from power_estimator.posterior.summary import MeterSummary, rms, summarised

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
 
+from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower, Structure
@@ -28,6 +29,7 @@ from power_estimator.posterior.priors import (
     DEPARTING,
     DISCREPANCY,
     KINDS,
+    SEARCHED,
     SHARES,
     SPIKE,
 )
@@ -268,6 +270,22 @@ def meter_problems(
     return for_each(
         lambda d: MeterProblem(prepared.drive(d), fixed, base and base.drive(d)), range(count)
     )
+
+
+def representatives(meters: Sequence[MeterProblem]) -> tuple[int, ...]:
+    """Choose the meters that sets are searched on: all of a few, of many SEARCHED.
+
+    The largest power of each type of drive goes first, then the second largest, and so on.
+    """
+    if len(meters) <= SEARCHED:
+        return tuple(range(len(meters)))
+    names = [meter.signals.names[0] for meter in meters]
+    ranked = [
+        (rank, d)
+        for own in assign(names, infer_types(names)).values()
+        for rank, d in enumerate(sorted(own, key=lambda d: -meters[d].rms))
+    ]
+    return tuple(sorted(d for _, d in sorted(ranked)[:SEARCHED]))
 
 
 def _friction_at_one(

@@ -7,20 +7,18 @@ import numpy as np
 from scipy.special import logit, logsumexp
 from wattwalk_core.arrays import Floats
 
-from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
-from power_estimator.posterior.meter import MeterProblem, Point
+from power_estimator.posterior.meter import MeterProblem, Point, representatives
 from power_estimator.posterior.odds import has_wholes, prior_of
 from power_estimator.posterior.priors import (
     ALIKE,
     KNOWN_SIZE,
     PAIRS,
-    SEARCHED,
     STEPS,
     TRIED,
     WORTH,
@@ -29,6 +27,8 @@ from power_estimator.posterior.priors import (
 Chosen = tuple[int, ...]
 _NEVER = -1e4  # nats
 _LIKELY = 4.0  # the same, where sets are only screened
+_SCREENINGS = 'here', 'plain', 'stiff'
+"""About the current points; about no effects, without departures; with the least discrepancy."""
 
 
 class EffectSearch:
@@ -274,22 +274,23 @@ class EffectSearch:
     def _promising(self, chosen: Chosen) -> list[Chosen]:
         """Best neighbours of a set, of kinds of steps that differ: more, fewer, a swap, a shape.
 
-        Beside these come the best of the problem without departures: of a friction that stands in
-        for another they take over what is left. And the best other shape of a known effect.
+        Beside these come the best of the problem without departures, and with the least of them:
+        they take over what is left of a friction that stands in for another, or a large effect.
+        And the best other shape of a known effect.
         """
         tried: list[Chosen] = []
-        for plain in (False, True):
-            best = self._best_of(chosen, plain=plain)
+        for how in _SCREENINGS:
+            best = self._best_of(chosen, how)
             new = [each for each in best if self._new_name(each, chosen) not in self.known]
             tried += new[:TRIED]
-            tried += [] if plain else [each for each in best if each not in new][:1]
+            tried += [each for each in best if each not in new][:1] if how == 'here' else []
         return list(dict.fromkeys(tried))
 
-    def _best_of(self, chosen: Chosen, *, plain: bool) -> list[Chosen]:
+    def _best_of(self, chosen: Chosen, how: str) -> list[Chosen]:
         """Best neighbour of each kind of step as screened, the best kind first."""
         have = self.names_of(chosen)
         best: dict[object, tuple[float, Chosen]] = {}
-        for each, score in self.screened(self._neighbours(chosen), chosen, plain=plain).items():
+        for each, score in self.screened(self._neighbours(chosen), chosen, how).items():
             new, grown = self._new_name(each, chosen), len(each) > len(chosen)
             kind = (new, new in have if grown or new in have else each if not new else None)
             best[kind] = max(best.get(kind, (-np.inf, each)), (score, each))
@@ -345,13 +346,13 @@ class EffectSearch:
         return best
 
     def screened(
-        self, sets: Sequence[Chosen], chosen: Chosen, *, plain: bool = False
+        self, sets: Sequence[Chosen], chosen: Chosen, how: str = 'here'
     ) -> dict[Chosen, float]:
         """Log posteriors of sets linearised about the current points, which are of chosen.
 
-        plain: about no effects at all, so without departures.
+        how: one of _SCREENINGS.
         """
-        made = self._plain[0] if plain else self.made
+        made = self._plain[0] if how == 'plain' else self.made
         every = tuple(dict.fromkeys((*sets, chosen)))
 
         def evidences(m: int) -> Floats:
@@ -367,7 +368,9 @@ class EffectSearch:
                 spread[: len(own)] = LINEAR_SIZE
                 return by_delay(normals.taken(kept, meter.place), spread)[:, 0]
 
-            normals = self._plain[1][m] if plain else self.normals_of(m)
+            normals = self._plain[1][m] if how == 'plain' else self.normals_of(m)
+            if how == 'stiff':
+                normals = normals.at(np.arange(len(normals.gram)) == 0)
             first = at(chosen, normals)
             likely = normals.at(first > first.max() - _LIKELY)
             return np.array([at(each, likely).max() for each in every])
@@ -378,19 +381,3 @@ class EffectSearch:
             for each, total in zip(every, totals, strict=True)
             if each != chosen or each in sets
         }
-
-
-def representatives(meters: Sequence[MeterProblem]) -> tuple[int, ...]:
-    """Choose the meters that sets are searched on: all of a few, of many SEARCHED.
-
-    The largest power of each type of drive goes first, then the second largest, and so on.
-    """
-    if len(meters) <= SEARCHED:
-        return tuple(range(len(meters)))
-    names = [meter.signals.names[0] for meter in meters]
-    ranked = [
-        (rank, d)
-        for own in assign(names, infer_types(names)).values()
-        for rank, d in enumerate(sorted(own, key=lambda d: -meters[d].rms))
-    ]
-    return tuple(sorted(d for _, d in sorted(ranked)[:SEARCHED]))
