@@ -148,7 +148,7 @@ def test_friction_that_heats_the_winding_in_slow_motion_is_no_error_of_units():
     balance = power_balance(power, load, slow)
     assert balance.slope > 2.6 > 1.3 > balance.rubbed > 0.7
     assert balance.share > 0.3
-    (found,) = [power_finding('J2', balance)]
+    (found,) = [power_finding('J2', balance, Card())]
     assert found.severity == 'warning'
     assert 'losses that grow with load and speed' in found.text
 
@@ -158,3 +158,22 @@ def test_a_long_finding_is_printed_to_its_end(capsys):
     print_quality(Checked.of(recording(noise)))
     out = capsys.readouterr().out
     assert "the winding's current, if the log has it; in the map: torque: {from: …" in out
+
+
+@pytest.mark.parametrize(
+    ('noted', 'mend'),
+    [
+        ({}, 'current: {positive: fed}'),
+        ({'KNEE': {'current': 'fed'}}, 'current: {positive: drawn}'),
+        ({'KNEE': {'power': 'drawn'}}, 'power: {positive: fed}'),
+    ],
+    ids=['unknown', 'current', 'power'],
+)
+def test_where_a_drive_would_have_losses_below_zero_the_sign_of_its_meter_is_turned(
+    tmp_path, noted, mend
+):
+    Card.of({'imported': {'positive': noted}}).save(tmp_path)
+    fed = replace(recording(-(TORQUE * SPEED + 8.0)), folder=tmp_path)
+    (found,) = [f for f in check_recording(fed).findings if f.severity == 'error']
+    assert "and the losses would be -8 W: the meter's sign is wrong" in found.text
+    assert found.mend == mend

@@ -321,6 +321,7 @@ def _card(
             'from': [source.path.name for source in sources],
             'map': where,
             'columns': plan.columns(),
+            'positive': plan.positive,
         },
     }
     if plan.derived:

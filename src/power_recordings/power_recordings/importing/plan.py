@@ -15,6 +15,7 @@ from wattwalk_core.errors import InputError, printable, quoted
 
 from power_recordings.importing.map_file import (
     GEARED,
+    METERED,
     DriveMap,
     ImportMap,
     Signal,
@@ -113,6 +114,7 @@ class ImportPlan:
     torque_at: Mapping[str, str]  # joint or motor, by drive
     torque_unit: Mapping[str, str]  # A where it is a current
     gear_ratio: Mapping[str, float]
+    positive: Mapping[str, Mapping[str, str]]  # sign of each meter by quantity; '' is the supply
     computed: tuple[str, ...]  # drives whose power is marked so
     time: tuple[tuple[LogColumn, str], ...]  # columns that are added, with their units
     stamp: str
@@ -198,6 +200,11 @@ def make_plan(
         {**at, **dict.fromkeys(current, 'motor')},
         current,
         {name: drive.gear_ratio for name, drive in drives.items() if drive.gear_ratio is not None},
+        {
+            name: metered
+            for name, part in {**drives, '': mapping.supply}.items()
+            if (metered := {q: s.positive for q, s in part.signals().items() if q in METERED})
+        },
         tuple(
             name
             for name, d in drives.items()

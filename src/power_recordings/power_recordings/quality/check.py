@@ -271,9 +271,7 @@ class _Checker:
         return balance
 
     def _balance(self, name: str, balance: physics.ShaftBalance | None) -> None:
-        ratios = {r for n, r in self._recording.card.gear_ratio.items() if name in ('', n)}
-        ratio = ratios.pop() if len(ratios) == 1 else 1.0
-        found = None if balance is None else power_finding(name, balance, ratio)
+        found = balance and power_finding(name, balance, self._recording.card)
         if found and not any(
             f.drive == name and f.code == 'velocity_units' for f in self.findings
         ):
@@ -291,7 +289,8 @@ class _Checker:
             worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
         if mean < 0 and worked > _GENERATES * mean:
             text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
-            self._find('supply_sign', 'error', '', text, 'supply: {current: {positive: fed}}')
+            mend = self._recording.card.turned_meter('')
+            self._find('supply_sign', 'error', '', text, mend)
         if self._electric is None:
             self._updates(supply.stamp_ns, supply.power, '', "the robot's", '')
         return self._line(supply)

@@ -92,15 +92,21 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
-def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) -> Finding | None:
+def power_finding(drive: str, balance: ShaftBalance, card: Card) -> Finding | None:
     """Return the fault in units, sign or size of a drive's power, None if none is found."""
     slope, margin = balance.slope, 2 * balance.error
-    if (geared := _gear_finding(drive, balance, gear_ratio)) is not None:
+    ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
+    ratio = ratios.pop() if len(ratios) == 1 else 1.0
+    if (geared := _gear_finding(drive, balance, ratio)) is not None:
         return geared
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
     if decided and slope < -margin:
-        text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
-        return Finding('power_units', 'error', drive, text, 'torque: {scale: -1}')
+        text = f'power falls by {-slope:.3g} W with each W of torque × speed'
+        whose, mend = 'a', 'torque: {scale: -1}'
+        if balance.losses < 0:
+            text += f', and the losses would be {balance.losses:.3g} W'
+            whose, mend = "the meter's", card.turned_meter(drive)
+        return Finding('power_units', 'error', drive, f'{text}: {whose} sign is wrong', mend)
     if balance.impossible and not (decided and _meaning(slope, _OF_POWER)[0]):
         text = (
             f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were '

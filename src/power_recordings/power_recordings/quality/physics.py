@@ -43,7 +43,8 @@ class ShaftBalance:
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
-    copper loss that friction adds: in slow motion it looks like τω.
+    copper loss that friction adds: in slow motion it looks like τω. losses: mean of P − a·τω, W,
+    which is above 0 unless the sign of P is wrong.
     """
 
     slope: float
@@ -53,6 +54,7 @@ class ShaftBalance:
     shaft: float
     power: float
     rubbed: float
+    losses: float
 
     def __str__(self) -> str:
         return (
@@ -102,6 +104,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
         shaft,
         float(np.sqrt(np.mean(power**2))),
         float(apart[0] / scale[0]),
+        float(np.mean(power - found[0] * design[:, 0])),
     )
 
 
