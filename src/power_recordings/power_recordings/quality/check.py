@@ -1,7 +1,7 @@
 """Quality of a recording: a table by drive, and findings with the line of the map to mend."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from power_recordings.quality.findings import (
     clock_findings,
     computed_findings,
     constant_voltage,
+    drive_findings,
     judged,
     loss_findings,
     power_finding,
@@ -50,8 +51,9 @@ _LEAST_DRAWN = 0.1  # of the power, by the torque
 class DriveQuality:
     """Figures of one drive; NaN for what was not recorded.
 
-    updates_hz: changes of power per second. power_slope: W per W of torque × speed.
-    velocity_slope: of velocity on the rate of the position. quadrants: share visited.
+    updates_hz: changes of power per second. power_slope: W per W of torque × speed; of a common
+    meter, where it is sure. velocity_slope: of velocity on the rate of the position. quadrants:
+    share visited.
     """
 
     updates_hz: float
@@ -105,7 +107,7 @@ def check_recording(recording: Recording) -> Quality:
     counts = {name: timing.samples for name, timing in topics.items()}
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
-    line, robot = checker.supply(), checker.robot()
+    line, robot = checker.supply(), checker.robot(drives)
     return Quality(
         recording.duration,
         topics,
@@ -267,15 +269,15 @@ class _Checker:
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity)
         if self._recording.card.torque_unit.get(name) != 'A':
-            self._balance(name, balance)
+            self._add([balance and power_finding(name, balance, self._recording.card)])
         return balance
 
-    def _balance(self, name: str, balance: physics.ShaftBalance | None) -> None:
-        found = balance and power_finding(name, balance, self._recording.card)
-        if found and not any(
-            f.drive == name and f.code == 'velocity_units' for f in self.findings
-        ):
-            self.findings.append(found)
+    def _add(self, found: Sequence[Finding | None]) -> None:
+        """Add findings on power of drives, and of all ('') drives, whose velocity is right."""
+        wrong = {f.drive for f in self.findings if f.code == 'velocity_units'}
+        self.findings += [
+            f for f in found if f and f.drive not in wrong and (f.drive or not wrong)
+        ]
 
     def supply(self) -> SupplyLine | None:
         """Check the supply of the whole robot, and set it against the drives."""
@@ -295,8 +297,11 @@ class _Checker:
             self._updates(supply.stamp_ns, supply.power, '', "the robot's", '')
         return self._line(supply)
 
-    def robot(self) -> physics.ShaftBalance | None:
-        """Set the power of a robot whose drives have no meter against their motion."""
+    def robot(self, drives: dict[str, DriveQuality]) -> physics.ShaftBalance | None:
+        """Set the power of a robot whose drives have no meter against their motion.
+
+        Puts the slopes of `drives` that are sure into their figures.
+        """
         joints = self._joints
         if self._electric is not None or joints is None or not self._recording.has('supply'):
             return None
@@ -307,8 +312,14 @@ class _Checker:
         power = values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
         balance = physics.power_balance(power, *motion)
-        if balance is not None and 'supply_sign' not in [f.code for f in self.findings]:
-            self._balance('', balance)
+        known = {f.code for f in self.findings if not f.drive}
+        if apart := None if 'slow_power' in known else physics.drive_slopes(power, *motion):
+            for name, *own in zip(joints.names, apart.slopes, apart.shares, strict=True):
+                slope, share = map(float, own)
+                drives[name] = replace(drives[name], power_slope=slope, power_share=share)
+        if 'supply_sign' not in known:
+            own = drive_findings(joints.names, apart) if apart else []
+            self._add(own or [balance and power_finding('', balance, self._recording.card)])
         return balance
 
     def _line(self, supply: SupplySamples) -> SupplyLine | None:

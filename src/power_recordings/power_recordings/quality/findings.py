@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.card import Card
-from power_recordings.quality.physics import ShaftBalance
+from power_recordings.quality.physics import DriveSlopes, ShaftBalance
 from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
@@ -136,6 +136,17 @@ def power_finding(drive: str, balance: ShaftBalance, card: Card) -> Finding | No
         'voltage and current.'
     )
     return Finding('power_units', 'error', drive, text)
+
+
+def drive_findings(names: Sequence[str], found: DriveSlopes) -> list[Finding]:
+    """Return the drives on a common meter whose own slope shows a sign or unit to be wrong."""
+    result = []
+    for drive, slope in zip(names, found.slopes if found.losses > 0 else (), strict=False):
+        if slope < -_SCALES[0]:
+            text = f"the robot's power falls by {-slope:.3g} W with each W of its torque × speed"
+            mend = 'torque: {scale: -1}'
+            result.append(Finding('power_units', 'error', drive, f'{text}: a sign is wrong', mend))
+    return result
 
 
 def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | None:

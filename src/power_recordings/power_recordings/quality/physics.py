@@ -6,6 +6,9 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 _ENOUGH = 50  # samples
+_ROWS = 100_000  # of a fit of many drives
+_BLOCKS = 30  # of time, whose remainders tell the error of a slope
+_CERTAIN = 4  # standard errors
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
 
@@ -73,11 +76,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
 
     torque: N·m, and velocity: rad/s, are [N] or [N, D]. None for fewer than 500 samples.
     """
-    if len(power) < 10 * _ENOUGH:
-        return None
-    torque, velocity = (each.reshape(len(power), -1) for each in (torque, velocity))
-    good = np.isfinite(power) & np.isfinite(torque + velocity).all(axis=1)
-    power, torque, velocity = power[good], torque[good], velocity[good]
+    power, torque, velocity = _known(power, torque, velocity)
     if len(power) < 10 * _ENOUGH:
         return None
     spread = max(float(np.var(power)), 1e-12)
@@ -108,16 +107,57 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
     )
 
 
+@dataclass(frozen=True)
+class DriveSlopes:
+    """Slopes a of P = Σ(a·τω + b·τ² + c·|ω|) + d for D drives on one meter; NaN if unsure.
+
+    slopes, shares (of the variance of P): [D]. losses: as of `ShaftBalance`.
+    """
+
+    slopes: Floats
+    shares: Floats
+    losses: float
+
+
+def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes | None:
+    """Fit the balance of a robot's power [N, W] with terms of each drive; else `power_balance`."""
+    thin = slice(None, None, -(-len(power) // _ROWS) or 1)
+    power, torque, velocity = _known(power[thin], torque[thin], velocity[thin])
+    if len(power) < 10 * _ENOUGH:
+        return None
+    drives = slice(torque.shape[1])
+    rest = np.ones((len(power), 1))
+    design = np.hstack([torque * velocity, torque**2, np.abs(velocity), rest])
+    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
+    design /= scale
+    gram = design.T @ design
+    inverse = np.linalg.inv(gram + 1e-10 * len(power) * np.eye(len(gram)))
+    found = inverse @ (design.T @ power)
+    remainder = power - design @ found
+    edges = np.linspace(0, len(power), _BLOCKS, endpoint=False, dtype=int)
+    pulls = np.add.reduceat(design * remainder[:, None], edges)
+    covariance = inverse @ (pulls.T @ pulls) @ inverse + 20 * np.var(remainder) * inverse
+    slopes = (found / scale)[drives]
+    free = (1 / np.diag(inverse) / len(power))[drives]
+    shares = found[drives] ** 2 * free / max(float(np.var(power)), 1e-12)
+    unsure = np.abs(found) < _CERTAIN * np.sqrt(np.diag(covariance))
+    unsure = unsure[drives] | (free < 1e-4 * np.var(design[:, drives], axis=0))
+    return DriveSlopes(
+        np.where(unsure, np.nan, slopes),
+        np.where(unsure, np.nan, shares),
+        float(np.mean(power - design[:, drives] @ found[drives])),
+    )
+
+
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
     """Return the R² of P = a·τω + b·τ² + d, fitted to power [N], torque [N] and velocity [N].
 
     None for too few samples, or a power that does not vary.
     """
-    good = np.isfinite(power) & np.isfinite(torque) & np.isfinite(velocity)
-    power, torque, velocity = power[good], torque[good], velocity[good]
+    power, torque, velocity = _known(power, torque, velocity)
     if len(power) < 10 * _ENOUGH or not np.var(power) > 0:
         return None
-    design = np.stack([torque * velocity, torque**2, np.ones_like(power)], axis=1)
+    design = np.hstack([torque * velocity, torque**2, np.ones_like(torque)])
     scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
     found, *_ = np.linalg.lstsq(design / scale, power, rcond=1e-10)
     return 1 - float(np.var(power - design / scale @ found)) / float(np.var(power))
@@ -146,6 +186,13 @@ def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, f
         for b in (-1, 1)
     ]
     return float((counts > 0).mean()), sum(q > 0.02 for q in quadrants) / 4
+
+
+def _known(power: Floats, torque: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the rows without NaN; torque and velocity as [N, D]."""
+    torque, velocity = (np.atleast_2d(each.T).T for each in (torque, velocity))
+    good = np.isfinite(power) & np.isfinite(torque + velocity).all(axis=1)
+    return power[good], torque[good], velocity[good]
 
 
 def _slope(x: Floats, y: Floats) -> Slope | None:

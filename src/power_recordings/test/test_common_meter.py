@@ -1,0 +1,66 @@
+"""Two drives on one meter, that of the robot's supply."""
+
+import numpy as np
+import pytest
+from power_recordings.messages.samples import JointSamples, SupplySamples
+from power_recordings.quality.check import check_recording
+from power_recordings.reading.reader import Recording
+
+TIME = np.arange(0, 60.0, 0.01)
+STAMPS = (TIME * 1e9).astype(np.int64)
+TORQUE = np.stack([15.0 * np.sin(1.3 * TIME), 5.0 * np.cos(0.9 * TIME)], axis=1)
+SPEED = np.stack([2.0 * np.cos(3.0 * TIME), 3.0 * np.sin(2.1 * TIME)], axis=1)
+NOISE = 0.5 * np.random.default_rng(0).normal(size=len(TIME))
+
+
+def robot(torque=TORQUE, speed=SPEED, drawn=1.0, scales=(1.0, 1.0)):
+    """Return its quality; 48 V supply shaft power, 0.05 W/(N·m)² of heat and 8 W."""
+    power = drawn * ((torque * speed + 0.05 * torque**2).sum(axis=1) + 8.0 + NOISE)
+    motion = (np.cumsum(speed, axis=0) * 0.01, speed, torque * scales)
+    joints = JointSamples(STAMPS, ('HIP', 'KNEE'), *np.float32(motion))
+    volts = np.full(len(TIME), 48.0, np.float32)
+    supply = SupplySamples(STAMPS, volts, -np.float32(power / 48.0))
+    return check_recording(Recording.in_memory('log', {'joint_states': joints, 'supply': supply}))
+
+
+def errors(quality):
+    return [(f.drive, f.mend) for f in quality.findings if f.severity == 'error']
+
+
+def test_each_drive_on_a_common_meter_has_its_slope():
+    quality = robot()
+    assert errors(quality) == []
+    for drive in quality.drives.values():
+        assert drive.power_slope == pytest.approx(1.0, abs=0.02)
+        assert drive.power_share > 0.02
+
+
+@pytest.mark.parametrize('drive', [0, 1])
+def test_a_drive_on_a_common_meter_whose_sign_is_wrong_is_told_by_its_name(drive):
+    scales = np.where(np.arange(2) == drive, -1.0, 1.0)
+    quality = robot(scales=scales)
+    name = ('HIP', 'KNEE')[drive]
+    assert errors(quality) == [(name, 'torque: {scale: -1}')]
+    (text,) = [f.text for f in quality.findings if f.drive == name and f.severity == 'error']
+    assert 'W with each W of its torque × speed: a sign is wrong' in text
+
+
+def test_of_drives_that_move_as_one_none_is_blamed():
+    """They turn one shaft, to which the knee gives 0.8 of the hip's torque."""
+    torque = np.stack([TORQUE[:, 0], 0.8 * TORQUE[:, 0]], axis=1)
+    speed = np.repeat(SPEED[:, :1], 2, axis=1)
+    for scales in ((1.0, 1.0), (1.0, -1.0)):
+        quality = robot(torque, speed, scales=scales)
+        assert not {'HIP', 'KNEE'} & {drive for drive, _ in errors(quality)}
+        assert all(np.isnan(drive.power_slope) for drive in quality.drives.values())
+
+
+def test_a_drive_that_hardly_works_is_not_blamed():
+    idle = np.stack([TORQUE[:, 0], 0.01 * TORQUE[:, 1]], axis=1)
+    quality = robot(idle, scales=(1.0, -1.0))
+    assert errors(quality) == []
+    assert np.isnan(quality.drives['KNEE'].power_slope)
+
+
+def test_a_common_meter_that_counts_the_other_way_is_turned_and_not_the_drives():
+    assert errors(robot(drawn=-1.0)) == [('', 'supply: {current: {positive: fed}}')]
