@@ -71,7 +71,7 @@ class Card:
 
     @property
     def imported(self) -> Mapping[str, Any]:
-        """Notes of an import: `from`, `map`, `columns`, `positive`, `velocity`, `formulas` …"""
+        """Notes of an import: from, map, columns, positive, velocity, formulas, notes."""
         found = self.other.get('imported')
         return found if isinstance(found, Mapping) else {}
 

@@ -269,7 +269,7 @@ class _Checker:
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity)
         if self._recording.card.torque_unit.get(name) != 'A':
-            self._add([balance and power_finding(name, balance, self._recording.card)])
+            self._add([power_finding(name, balance, self._recording.card) if balance else None])
         return balance
 
     def _add(self, found: Sequence[Finding | None]) -> None:
@@ -319,7 +319,9 @@ class _Checker:
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             own = drive_findings(joints.names, apart) if apart else []
-            self._add(own or [balance and power_finding('', balance, self._recording.card)])
+            self._add(
+                own or [power_finding('', balance, self._recording.card) if balance else None]
+            )
         return balance
 
     def _line(self, supply: SupplySamples) -> SupplyLine | None:

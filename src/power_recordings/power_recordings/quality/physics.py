@@ -9,6 +9,8 @@ _ENOUGH = 50  # samples
 _ROWS = 100_000  # of a fit of many drives
 _BLOCKS = 30  # of time, whose remainders tell the error of a slope
 _CERTAIN = 4  # standard errors
+_ALIKE = 20  # samples in a row that count as one
+_FREE = 1e-4  # of the variance of τω, that no other term has
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
 
@@ -82,28 +84,23 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
     spread = max(float(np.var(power)), 1e-12)
     terms = (torque * velocity, torque**2, np.abs(velocity))
     design = np.stack([*(term.sum(axis=1) for term in terms), np.ones_like(power)], axis=1)
-    shaft = float(np.sqrt(np.mean(design[:, 0] ** 2)))
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    design = design / scale
-    found, *_ = np.linalg.lstsq(design, power, rcond=1e-10)
-    remainder = float(np.var(power - design @ found))
+    shaft = design[:, 0]
+    (slope, *_), inverse, rest = _solve(design, power)
     heat = (torque * np.sign(velocity)).sum(axis=1, keepdims=True)
-    apart, *_ = np.linalg.lstsq(np.hstack([design, heat]), power, rcond=1e-10)
-    others = design[:, 1:]
-    common, *_ = np.linalg.lstsq(others, design[:, 0], rcond=1e-10)
-    free = float(np.var(design[:, 0] - others @ common))
-    if free < 1e-4 * float(np.var(design[:, 0])):
+    apart, *_ = _solve(np.hstack([design, heat]), power)
+    free = float(1 / inverse[0, 0] / len(power))
+    if free < _FREE * np.var(shaft):
         free = 0.0  # τω goes with the other terms
-    error = float(np.sqrt(remainder / max(free, 1e-12) / len(power) * 20)) / scale[0]
+    least = 1e-12 * max(float(np.max(shaft**2)), 1e-24)
     return ShaftBalance(
-        float(found[0] / scale[0]),
-        error,
-        float(found[0]) ** 2 * free / spread,
-        1 - remainder / spread,
-        shaft,
+        float(slope),
+        float(np.sqrt(np.var(rest) / max(free, least) / len(power) * _ALIKE)),
+        float(slope) ** 2 * free / spread,
+        1 - float(np.var(rest)) / spread,
+        float(np.sqrt(np.mean(shaft**2))),
         float(np.sqrt(np.mean(power**2))),
-        float(apart[0] / scale[0]),
-        float(np.mean(power - found[0] * design[:, 0])),
+        float(apart[0]),
+        float(np.mean(power - slope * shaft)),
     )
 
 
@@ -125,28 +122,18 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
     power, torque, velocity = _known(power[thin], torque[thin], velocity[thin])
     if len(power) < 10 * _ENOUGH:
         return None
-    drives = slice(torque.shape[1])
-    rest = np.ones((len(power), 1))
-    design = np.hstack([torque * velocity, torque**2, np.abs(velocity), rest])
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    design /= scale
-    gram = design.T @ design
-    inverse = np.linalg.inv(gram + 1e-10 * len(power) * np.eye(len(gram)))
-    found = inverse @ (design.T @ power)
-    remainder = power - design @ found
+    shaft, constant = torque * velocity, np.ones((len(power), 1))
+    design = np.hstack([shaft, torque**2, np.abs(velocity), constant])
+    slopes, inverse, rest = _solve(design, power)
     edges = np.linspace(0, len(power), _BLOCKS, endpoint=False, dtype=int)
-    pulls = np.add.reduceat(design * remainder[:, None], edges)
-    covariance = inverse @ (pulls.T @ pulls) @ inverse + 20 * np.var(remainder) * inverse
-    slopes = (found / scale)[drives]
-    free = (1 / np.diag(inverse) / len(power))[drives]
-    shares = found[drives] ** 2 * free / max(float(np.var(power)), 1e-12)
-    unsure = np.abs(found) < _CERTAIN * np.sqrt(np.diag(covariance))
-    unsure = unsure[drives] | (free < 1e-4 * np.var(design[:, drives], axis=0))
-    return DriveSlopes(
-        np.where(unsure, np.nan, slopes),
-        np.where(unsure, np.nan, shares),
-        float(np.mean(power - design[:, drives] @ found[drives])),
-    )
+    pulls = np.add.reduceat(design * rest[:, None], edges) @ inverse
+    error = np.sqrt((pulls**2).sum(axis=0) + _ALIKE * np.var(rest) * np.diag(inverse))
+    free = 1 / np.diag(inverse) / len(power)
+    shares = slopes**2 * free / max(float(np.var(power)), 1e-12)
+    sure = (np.abs(slopes) > _CERTAIN * error) & (free > _FREE * np.var(design, axis=0))
+    slopes, shares, sure = (each[: shaft.shape[1]] for each in (slopes, shares, sure))
+    losses = float(np.mean(power - shaft @ slopes))
+    return DriveSlopes(np.where(sure, slopes, np.nan), np.where(sure, shares, np.nan), losses)
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
@@ -157,10 +144,8 @@ def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
     power, torque, velocity = _known(power, torque, velocity)
     if len(power) < 10 * _ENOUGH or not np.var(power) > 0:
         return None
-    design = np.hstack([torque * velocity, torque**2, np.ones_like(torque)])
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    found, *_ = np.linalg.lstsq(design / scale, power, rcond=1e-10)
-    return 1 - float(np.var(power - design / scale @ found)) / float(np.var(power))
+    *_, rest = _solve(np.hstack([torque * velocity, torque**2, np.ones_like(torque)]), power)
+    return 1 - float(np.var(rest)) / float(np.var(power))
 
 
 def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, float]:
@@ -186,6 +171,15 @@ def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, f
         for b in (-1, 1)
     ]
     return float((counts > 0).mean()), sum(q > 0.02 for q in quadrants) / 4
+
+
+def _solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return factors of terms [N, K], the inverse of their products [K, K], and the rest [N]."""
+    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
+    terms = terms / scale
+    inverse = np.linalg.inv(terms.T @ terms + 1e-10 * len(power) * np.eye(len(scale)))
+    found = inverse @ (terms.T @ power)
+    return found / scale, inverse / np.outer(scale, scale), power - terms @ found
 
 
 def _known(power: Floats, torque: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
