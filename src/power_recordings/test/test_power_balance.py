@@ -126,9 +126,24 @@ def test_a_torque_of_the_motors_shaft_is_told_with_the_scale_to_write(tmp_path):
     refuse_wrong_units(geared(tmp_path, 1 / 60, 60.0))  # both of the shaft
 
 
-def test_a_speed_of_the_motor_beside_a_torque_of_the_joint_is_told(tmp_path):
+def test_a_speed_of_the_motor_beside_a_torque_of_the_joint_is_told_where_no_position_is(tmp_path):
+    bag = geared(tmp_path, 1.0, 45.0, 45.0)
+    joints = bag.joint_states()
+    still = replace(joints, position=np.full_like(joints.position, np.nan))
+    unplaced = {'joint_states': still, 'drive_supply': bag.drive_supply()}
+    bag = replace(Recording.in_memory('log', unplaced), folder=tmp_path)
     with pytest.raises(InputError, match=r'in the map: velocity: \{at: motor\}'):
-        refuse_wrong_units(geared(tmp_path, 1.0, 45.0, 45.0))
+        refuse_wrong_units(bag)
+
+
+@pytest.mark.parametrize(('torque', 'speed'), [(60.0, 1.0), (1.0, 60.0)])
+def test_where_speed_and_position_agree_the_torque_is_suspected_before_them(
+    tmp_path, torque, speed
+):
+    with pytest.raises(InputError, match='1 / gear_ratio 60: torque multiplied by it') as raised:
+        refuse_wrong_units(geared(tmp_path, torque, speed))
+    assert 'Or position and speed, which agree, both at: motor?' in str(raised.value)
+    assert 'in the map: torque: {scale: SCALE / 60}' in str(raised.value)
 
 
 def test_a_far_slope_of_a_small_share_of_the_power_is_warned_of_without_a_gear_ratio(

@@ -156,7 +156,8 @@ class _Checker:
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
         known = rate >= LEAST_UPDATES
-        balance = self._power(name, power, torque, velocity) if known else None
+        agree = bool(np.isfinite(slope))
+        balance = self._power(name, power, torque, velocity, agree) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -255,7 +256,7 @@ class _Checker:
         return found.slope
 
     def _power(
-        self, name: str, power: Floats, torque: Floats, velocity: Floats
+        self, name: str, power: Floats, torque: Floats, velocity: Floats, agree: bool
     ) -> physics.ShaftBalance | None:
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
@@ -269,15 +270,20 @@ class _Checker:
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity)
         if self._recording.card.torque_unit.get(name) != 'A':
-            self._add([power_finding(name, balance, self._recording.card) if balance else None])
+            self._add(self._balance(name, balance, agree))
         return balance
 
-    def _add(self, found: Sequence[Finding | None]) -> None:
+    def _balance(
+        self, name: str, balance: physics.ShaftBalance | None, agree: bool
+    ) -> list[Finding]:
+        card = self._recording.card
+        found = power_finding(name, balance, card, agree=agree) if balance else None
+        return [found] if found else []
+
+    def _add(self, found: Sequence[Finding]) -> None:
         """Add findings on power of drives, and of all ('') drives, whose velocity is right."""
         wrong = {f.drive for f in self.findings if f.code == 'velocity_units'}
-        self.findings += [
-            f for f in found if f and f.drive not in wrong and (f.drive or not wrong)
-        ]
+        self.findings += [f for f in found if f.drive not in wrong and (f.drive or not wrong)]
 
     def supply(self) -> SupplyLine | None:
         """Check the supply of the whole robot, and set it against the drives."""
@@ -314,14 +320,12 @@ class _Checker:
         balance = physics.power_balance(power, *motion)
         known = {f.code for f in self.findings if not f.drive}
         if apart := None if 'slow_power' in known else physics.drive_slopes(power, *motion):
-            for name, *own in zip(joints.names, apart.slopes, apart.shares, strict=True):
-                slope, share = map(float, own)
+            for name, slope, share in zip(joints.names, apart.slopes, apart.shares, strict=True):
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
+            agree = all(np.isfinite(drive.velocity_slope) for drive in drives.values())
             own = drive_findings(joints.names, apart) if apart else []
-            self._add(
-                own or [power_finding('', balance, self._recording.card) if balance else None]
-            )
+            self._add(own or self._balance('', balance, agree))
         return balance
 
     def _line(self, supply: SupplySamples) -> SupplyLine | None:

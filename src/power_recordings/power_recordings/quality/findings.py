@@ -92,12 +92,17 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
-def power_finding(drive: str, balance: ShaftBalance, card: Card) -> Finding | None:
-    """Return the fault in units, sign or size of a drive's power, None if none is found."""
+def power_finding(
+    drive: str, balance: ShaftBalance, card: Card, *, agree: bool = False
+) -> Finding | None:
+    """Return the fault in units, sign or size of a drive's power, None if none is found.
+
+    agree: speed is the rate of the position.
+    """
     slope, margin = balance.slope, 2 * balance.error
     ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
     ratio = ratios.pop() if len(ratios) == 1 else 1.0
-    if (geared := _gear_finding(drive, balance, ratio)) is not None:
+    if (geared := _gear_finding(drive, balance, ratio, agree)) is not None:
         return geared
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
     if decided and slope < -margin:
@@ -149,7 +154,7 @@ def drive_findings(names: Sequence[str], found: DriveSlopes) -> list[Finding]:
     return result
 
 
-def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | None:
+def _gear_finding(drive: str, balance: ShaftBalance, ratio: float, agree: bool) -> Finding | None:
     """Return what is amiss where power grows by the gear ratio with torque × speed."""
     slope = balance.slope
     size = max(ratio, 1 / ratio)
@@ -164,9 +169,13 @@ def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | 
             f'{other}? Multiply it, beside its unit'
         )
         return Finding('power_units', 'error', drive, text, f'torque: {{scale: {ratio:g}}}')
-    if not meaning and _USUAL[0] < slope * ratio < _USUAL[1]:
-        text += f'1 / gear_ratio {ratio:g}: torque of the joint and speed of the motor?'
-        return Finding('power_units', 'error', drive, text, 'velocity: {at: motor}')
+    if (agree or not meaning) and _USUAL[0] < slope * ratio < _USUAL[1]:
+        cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
+        if agree:
+            cause = 'torque multiplied by it? Or position and speed, which agree, both at: motor?'
+            mend = f'torque: {{scale: SCALE / {ratio:g}}}'
+        text += f'1 / gear_ratio {ratio:g}: {cause}'
+        return Finding('power_units', 'error', drive, text, mend)
     return None
 
 

@@ -108,11 +108,11 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
 class DriveSlopes:
     """Slopes a of P = Σ(a·τω + b·τ² + c·|ω|) + d for D drives on one meter; NaN if unsure.
 
-    slopes, shares (of the variance of P): [D]. losses: as of `ShaftBalance`.
+    shares: of the variance of P. losses: as of `ShaftBalance`.
     """
 
-    slopes: Floats
-    shares: Floats
+    slopes: tuple[float, ...]
+    shares: tuple[float, ...]
     losses: float
 
 
@@ -131,9 +131,10 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
     free = 1 / np.diag(inverse) / len(power)
     shares = slopes**2 * free / max(float(np.var(power)), 1e-12)
     sure = (np.abs(slopes) > _CERTAIN * error) & (free > _FREE * np.var(design, axis=0))
-    slopes, shares, sure = (each[: shaft.shape[1]] for each in (slopes, shares, sure))
-    losses = float(np.mean(power - shaft @ slopes))
-    return DriveSlopes(np.where(sure, slopes, np.nan), np.where(sure, shares, np.nan), losses)
+    drives = slice(torque.shape[1])
+    losses = float(np.mean(power - shaft @ slopes[drives]))
+    slopes, shares = (np.where(sure, each, np.nan)[drives].tolist() for each in (slopes, shares))
+    return DriveSlopes(tuple(slopes), tuple(shares), losses)
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
