@@ -87,10 +87,7 @@ class Card:
         return columns is not None and quantity not in columns and not derived
 
     def turned_meter(self, drive: str) -> str:
-        """Return the line of an import map that turns the sign of a drive's meter.
-
-        '' for drive is the supply of all.
-        """
+        """Return the line of an import map that turns the sign of a drive's meter; '': of all."""
         given = self._noted('positive', drive) or {'current': 'drawn'}
         quantity, sign = next(iter(given.items()))
         line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'

@@ -64,3 +64,20 @@ def test_a_drive_that_hardly_works_is_not_blamed():
 
 def test_a_common_meter_that_counts_the_other_way_is_turned_and_not_the_drives():
     assert errors(robot(drawn=-1.0)) == [('', 'supply: {current: {positive: fed}}')]
+
+
+@pytest.mark.parametrize(
+    ('milli', 'mend'),
+    [
+        ({'drawn': 1000.0}, ('', 'supply: {current: {unit: mA}}')),
+        ({'scales': (1000.0, 1.0)}, ('HIP', 'torque: {unit: mN*m}')),
+    ],
+    ids=['mA', 'mN·m'],
+)
+def test_a_slope_of_a_thousand_is_of_milliamperes_and_of_a_thousandth_of_millinewtons(milli, mend):
+    """A gear that rubs makes a slope of 1.5, which is no nearer to 1 than 1,500 to 1,000."""
+    for heavier in (1.0, 1.5):
+        torque = TORQUE * heavier
+        scales = np.asarray(milli.get('scales', (1.0, 1.0))) / heavier
+        quality = robot(torque, drawn=milli.get('drawn', 1.0), scales=scales)
+        assert errors(quality) == [mend]

@@ -79,9 +79,6 @@ def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.
             'right, `power_lab fit` takes the recording with --ignore-unit-conflicts'
         )
         return
-    if not recording.has('drive_supply') and not recording.has('supply'):
-        print('next: nothing in it was metered: a model of power cannot be fitted to it')
-        return
     try:
         align(recording, rate=50.0, need_power=recording.has('drive_supply'))
     except InputError as error:

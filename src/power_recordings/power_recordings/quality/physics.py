@@ -85,9 +85,9 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
     terms = (torque * velocity, torque**2, np.abs(velocity))
     design = np.stack([*(term.sum(axis=1) for term in terms), np.ones_like(power)], axis=1)
     shaft = design[:, 0]
-    (slope, *_), inverse, rest = _solve(design, power)
+    (slope, *_), inverse, rest = solve(design, power)
     heat = (torque * np.sign(velocity)).sum(axis=1, keepdims=True)
-    apart, *_ = _solve(np.hstack([design, heat]), power)
+    apart, *_ = solve(np.hstack([design, heat]), power)
     free = float(1 / inverse[0, 0] / len(power))
     if free < _FREE * np.var(shaft):
         free = 0.0  # τω goes with the other terms
@@ -124,7 +124,7 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
         return None
     shaft, constant = torque * velocity, np.ones((len(power), 1))
     design = np.hstack([shaft, torque**2, np.abs(velocity), constant])
-    slopes, inverse, rest = _solve(design, power)
+    slopes, inverse, rest = solve(design, power)
     edges = np.linspace(0, len(power), _BLOCKS, endpoint=False, dtype=int)
     pulls = np.add.reduceat(design * rest[:, None], edges) @ inverse
     error = np.sqrt((pulls**2).sum(axis=0) + _ALIKE * np.var(rest) * np.diag(inverse))
@@ -137,6 +137,15 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
     return DriveSlopes(tuple(slopes), tuple(shares), losses)
 
 
+def solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
+    """Fit power [N] by terms [N, K]: factors, inverse of the terms' products, and the rest [N]."""
+    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
+    terms = terms / scale
+    inverse = np.linalg.inv(terms.T @ terms + 1e-10 * len(power) * np.eye(len(scale)))
+    found = inverse @ (terms.T @ power)
+    return found / scale, inverse / np.outer(scale, scale), power - terms @ found
+
+
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
     """Return the R² of P = a·τω + b·τ² + d, fitted to power [N], torque [N] and velocity [N].
 
@@ -145,7 +154,7 @@ def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
     power, torque, velocity = _known(power, torque, velocity)
     if len(power) < 10 * _ENOUGH or not np.var(power) > 0:
         return None
-    *_, rest = _solve(np.hstack([torque * velocity, torque**2, np.ones_like(torque)]), power)
+    *_, rest = solve(np.hstack([torque * velocity, torque**2, np.ones_like(torque)]), power)
     return 1 - float(np.var(rest)) / float(np.var(power))
 
 
@@ -172,15 +181,6 @@ def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, f
         for b in (-1, 1)
     ]
     return float((counts > 0).mean()), sum(q > 0.02 for q in quadrants) / 4
-
-
-def _solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return factors of terms [N, K], the inverse of their products [K, K], and the rest [N]."""
-    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
-    terms = terms / scale
-    inverse = np.linalg.inv(terms.T @ terms + 1e-10 * len(power) * np.eye(len(scale)))
-    found = inverse @ (terms.T @ power)
-    return found / scale, inverse / np.outer(scale, scale), power - terms @ found
 
 
 def _known(power: Floats, torque: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
