@@ -1,7 +1,11 @@
 """Two drives on one meter, that of the robot's supply."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from power_recordings.commands.info import print_quality
+from power_recordings.index.kept_quality import Checked
 from power_recordings.messages.samples import JointSamples, SupplySamples
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
@@ -13,14 +17,19 @@ SPEED = np.stack([2.0 * np.cos(3.0 * TIME), 3.0 * np.sin(2.1 * TIME)], axis=1)
 NOISE = 0.5 * np.random.default_rng(0).normal(size=len(TIME))
 
 
-def robot(torque=TORQUE, speed=SPEED, drawn=1.0, scales=(1.0, 1.0)):
-    """Return its quality; 48 V supply shaft power, 0.05 W/(N·m)² of heat and 8 W."""
+def robot(**of):
+    """Return the quality of its recording."""
+    return check_recording(recording(**of))
+
+
+def recording(torque=TORQUE, speed=SPEED, drawn=1.0, scales=(1.0, 1.0)):
+    """Return a robot of which 48 V supply shaft power, 0.05 W/(N·m)² of heat and 8 W."""
     power = drawn * ((torque * speed + 0.05 * torque**2).sum(axis=1) + 8.0 + NOISE)
     motion = (np.cumsum(speed, axis=0) * 0.01, speed, torque * scales)
     joints = JointSamples(STAMPS, ('HIP', 'KNEE'), *np.float32(motion))
     volts = np.full(len(TIME), 48.0, np.float32)
     supply = SupplySamples(STAMPS, volts, -np.float32(power / 48.0))
-    return check_recording(Recording.in_memory('log', {'joint_states': joints, 'supply': supply}))
+    return Recording.in_memory('log', {'joint_states': joints, 'supply': supply})
 
 
 def errors(quality):
@@ -50,14 +59,14 @@ def test_of_drives_that_move_as_one_none_is_blamed():
     torque = np.stack([TORQUE[:, 0], 0.8 * TORQUE[:, 0]], axis=1)
     speed = np.repeat(SPEED[:, :1], 2, axis=1)
     for scales in ((1.0, 1.0), (1.0, -1.0)):
-        quality = robot(torque, speed, scales=scales)
+        quality = robot(torque=torque, speed=speed, scales=scales)
         assert not {'HIP', 'KNEE'} & {drive for drive, _ in errors(quality)}
         assert all(np.isnan(drive.power_slope) for drive in quality.drives.values())
 
 
 def test_a_drive_that_hardly_works_is_not_blamed():
     idle = np.stack([TORQUE[:, 0], 0.01 * TORQUE[:, 1]], axis=1)
-    quality = robot(idle, scales=(1.0, -1.0))
+    quality = robot(torque=idle, scales=(1.0, -1.0))
     assert errors(quality) == []
     assert np.isnan(quality.drives['KNEE'].power_slope)
 
@@ -79,5 +88,21 @@ def test_a_slope_of_a_thousand_is_of_milliamperes_and_of_a_thousandth_of_milline
     for heavier in (1.0, 1.5):
         torque = TORQUE * heavier
         scales = np.asarray(milli.get('scales', (1.0, 1.0))) / heavier
-        quality = robot(torque, drawn=milli.get('drawn', 1.0), scales=scales)
+        quality = robot(torque=torque, drawn=milli.get('drawn', 1.0), scales=scales)
         assert errors(quality) == [mend]
+
+
+def test_the_ranges_and_updates_of_a_common_meter_are_shown(capsys):
+    """0, 48 and 96 W at 48 V, each for 40 ms."""
+    bag = recording()
+    supply = bag.supply()
+    watts = 48.0 * (supply.stamp_ns // 40_000_000 % 3).astype(np.float32)
+    joints = {'joint_states': bag.joint_states(), 'supply': replace(supply, current=-watts / 48)}
+    checked = Checked.of(Recording.in_memory('log', joints))
+    found = checked.quality.supply
+    assert found.updates_hz == pytest.approx({'power': 25, 'voltage': 0, 'current': 25}, rel=0.01)
+    assert found.ranges['power'] == pytest.approx((0.0, 96.0))
+    assert np.isnan(found.slope)
+    print_quality(checked)
+    text = 'supply: power 0…96 W (25 Hz), voltage 48 V (0 Hz), current 0…2 A (25 Hz)'
+    assert text in capsys.readouterr().out

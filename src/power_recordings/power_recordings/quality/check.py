@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from wattwalk_core.arrays import Floats, Singles, Stamps
+from wattwalk_core.arrays import Floats, Singles
 
 from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
@@ -68,9 +68,15 @@ class DriveQuality:
 
 
 @dataclass(frozen=True)
-class SupplyLine:
-    """Line fitted to the robot's power over the sum of its drives' powers."""
+class SupplyQuality:
+    """Figures of the robot's supply, and its power's line over the sum of its drives' powers.
 
+    updates_hz, ranges (1st and 99th percentile, W, V and A): by `power`, `voltage` and `current`,
+    drawn. slope, offset, r2: of the line, NaN without meters of all drives.
+    """
+
+    updates_hz: Mapping[str, float]
+    ranges: Mapping[str, tuple[float, float]]
     slope: float
     offset: float  # W
     r2: float
@@ -85,7 +91,7 @@ class Quality:
     drives: Mapping[str, DriveQuality]
     torque_at: Mapping[str, str]
     findings: tuple[Finding, ...]
-    supply: SupplyLine | None = None  # robot's power over the sum of its drives'
+    supply: SupplyQuality | None = None
     robot: physics.ShaftBalance | None = None  # where it alone was metered
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
@@ -107,7 +113,7 @@ def check_recording(recording: Recording) -> Quality:
     counts = {name: timing.samples for name, timing in topics.items()}
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
-    line, robot = checker.supply(), checker.robot(drives)
+    supply, robot = checker.supply(), checker.robot(drives)
     return Quality(
         recording.duration,
         topics,
@@ -122,7 +128,7 @@ def check_recording(recording: Recording) -> Quality:
             ),
             recording.card.steady,
         ),
-        line,
+        supply,
         robot,
         lost,
     )
@@ -214,7 +220,8 @@ class _Checker:
         power = electric.power[:, column]
         if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
             self.findings.append(volts)
-        rate = self._updates(electric.stamp_ns, power, name, 'its', ' of a joint')
+        rate = float(updates(electric.stamp_ns, power[:, None])[0])
+        self._slow(rate, name, 'its', ' of a joint')
         share = clipped(electric.current[:, column])
         if share > _CLIPPED:
             self._find('clipped', 'warning', name, f'current is clipped in {share:.0%} of samples')
@@ -229,16 +236,14 @@ class _Checker:
             return rate, values_at(electric.stamp_ns, power, self._joints.stamp_ns)
         return rate, np.full(len(time), np.nan)
 
-    def _updates(self, stamps: Stamps, power: Singles, drive: str, whose: str, of: str) -> float:
-        """Rate of updates of a power [N], which is an error of `drive` where it is too low."""
-        rate = float(updates(stamps, power[:, None])[0])
+    def _slow(self, rate: float, drive: str, whose: str, of: str) -> None:
+        """Add an error of `drive` if the rate of its power's updates is too low."""
         if rate < LEAST_UPDATES:
             text = (
                 f'{whose} power changes {rate:.3g} times a second; a model{of} needs '
                 f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)'
             )
             self._find('slow_power', 'error', drive, text)
-        return rate
 
     def _velocity(self, name: str, time: Floats, position: Floats, velocity: Floats) -> float:
         card = self._recording.card
@@ -285,7 +290,7 @@ class _Checker:
         wrong = {f.drive for f in self.findings if f.code == 'velocity_units'}
         self.findings += [f for f in found if f.drive not in wrong and (f.drive or not wrong)]
 
-    def supply(self) -> SupplyLine | None:
+    def supply(self) -> SupplyQuality | None:
         """Check the supply of the whole robot, and set it against the drives."""
         if not self._recording.has('supply'):
             return None
@@ -299,9 +304,13 @@ class _Checker:
             text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
             mend = self._recording.card.turned_meter('')
             self._find('supply_sign', 'error', '', text, mend)
+        signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
+        found = updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
+        rates = dict(zip(signals, found, strict=True))
         if self._electric is None:
-            self._updates(supply.stamp_ns, supply.power, '', "the robot's", '')
-        return self._line(supply)
+            self._slow(rates['power'], '', "the robot's", '')
+        ranges = {name: _range(values) for name, values in signals.items()}
+        return SupplyQuality(rates, ranges, *self._line(supply))
 
     def robot(self, drives: dict[str, DriveQuality]) -> physics.ShaftBalance | None:
         """Set the power of a robot whose drives have no meter against their motion.
@@ -328,21 +337,21 @@ class _Checker:
             self._add(own or self._balance('', balance, agree))
         return balance
 
-    def _line(self, supply: SupplySamples) -> SupplyLine | None:
+    def _line(self, supply: SupplySamples) -> tuple[float, float, float]:
         if self._electric is None or len(self._electric.names) < len(self.names):
-            return None
+            return (np.nan,) * 3
         drawn = values_at(
             self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns
         )
         good = np.isfinite(drawn) & np.isfinite(supply.power)
         if good.sum() < _FEWEST or np.var(drawn[good]) == 0 or np.var(supply.power[good]) == 0:
-            return None
+            return (np.nan,) * 3
         slope, offset = np.polyfit(drawn[good], supply.power[good].astype(np.float64), 1)
         r2 = np.corrcoef(drawn[good], supply.power[good])[0, 1] ** 2
-        return SupplyLine(float(slope), float(offset), float(r2))
+        return float(slope), float(offset), float(r2)
 
 
-def _range(values: Floats) -> tuple[float, float]:
+def _range(values: Floats | Singles) -> tuple[float, float]:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return (np.nan, np.nan)
