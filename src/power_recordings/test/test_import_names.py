@@ -110,6 +110,17 @@ def test_a_torque_that_is_named_of_the_motor_or_estimated_is_at_the_motor(
     assert ('# gear_ratio: 1   # fill in' in text) == (at == 'motor')
 
 
+def test_a_wheel_in_the_name_of_a_torque_does_not_say_where_it_is_and_each_drive_is_asked(
+    tmp_path, capsys
+):
+    columns = {}
+    for side, speed in (('left', SPEED), ('right', np.cos(SPEED))):
+        columns |= {f'{side}_wheel_torque [Nm]': speed + T, f'{side}_wheel_speed [rpm]': speed}
+    text, _ = guess(tmp_path, capsys, **columns, battery_V=VOLTS, battery_A=WATTS / VOLTS)
+    assert text.count('at: joint}   # by its name; at: joint is a guess\n') == 2
+    assert text.count('    # at: motor is a torque computed from the current, at: joint') == 2
+
+
 def test_a_speed_of_the_motor_asks_for_the_gear_ratio(tmp_path, capsys):
     text, _ = guess(tmp_path, capsys, tau_Nm=TORQUE, motor_speed_rpm=SPEED)
     assert '# gear_ratio: 1   # fill in' in text

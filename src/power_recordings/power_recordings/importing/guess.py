@@ -61,7 +61,7 @@ _NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column is in volt
 _MOTORS: Final = r'(^|_)(motor|mot|rotor)(_|$)'
 _COMPUTED: Final = r'(^|_)(est[a-z]*|hat|calc[a-z]*|cur[a-z]*|iq)(_|$)'
 _MEASURED: Final = r'sensor|load_?cell|transducer'
-_BEHIND: Final = r'joint|output|wheel|link'
+_BEHIND: Final = r'joint|output|link'
 _AT: Final = (
     '    # at: motor is a torque computed from the current, at: joint that of a sensor behind the '
     'gear; it decides which effects can be found: check'
@@ -119,7 +119,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     bodies = {name: drive.lines(best, bool(supply)) for name, drive in made.items()}
     for name, body in _folded(bodies).items():
         lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:']
-        lines += [line for line in body if line not in (_AT, _GEAR) or line not in lines]
+        lines += body
     if not drives:
         lines.append('  DRIVE: {}   # no column looks like a position, speed or torque: fill in')
     lines += supply
