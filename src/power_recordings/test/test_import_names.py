@@ -126,6 +126,18 @@ def test_a_speed_of_the_motor_asks_for_the_gear_ratio(tmp_path, capsys):
     assert '# gear_ratio: 1   # fill in' in text
 
 
+def test_the_only_column_in_units_of_an_angle_is_the_position_if_it_moves_as_the_speed_says(
+    tmp_path, capsys
+):
+    own = {'tilt_rate [deg/s]': SPEED, 'tilt_torque [Nm]': TORQUE, 'U': VOLTS, 'I': WATTS / VOLTS}
+    _, lines = guess(tmp_path, capsys, **own, **{'tilt [deg]': ANGLE})
+    assert "position: {from: 'tilt [deg]', unit: deg}   # by its unit" in lines['position']
+    others = ({'tilt [deg]': TORQUE}, {'tilt [deg]': ANGLE, 'slope [deg]': ANGLE})
+    for angles in (*others, {'tilt [deg]': ANGLE, 'tilt_angle': ANGLE}):
+        text, _ = guess(tmp_path, capsys, **own, **angles)
+        assert "from: 'tilt [deg]'" not in text
+
+
 def test_symbols_of_din_are_known(tmp_path, capsys):
     names = {'U': VOLTS, 'I': WATTS / VOLTS, 'M': TORQUE, 'n': SPEED, 'T_wdg': 30 + T}
     _, lines = guess(tmp_path, capsys, **names)

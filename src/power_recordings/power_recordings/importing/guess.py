@@ -15,6 +15,7 @@ from power_recordings.importing.candidates import (
     WANTED,
     CandidateColumn,
     candidates,
+    is_mere_angle,
 )
 from power_recordings.importing.evidence import (
     ByQuantity,
@@ -334,12 +335,14 @@ def _velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
 
 
 def _follows(taken: Mapping[str, CandidateColumn]) -> bool:
-    """Tell whether a position that states no unit moves as the velocity says, in some unit."""
+    """Tell whether a position that lacks a unit or a name moves as the velocity says."""
     position, velocity = taken['position'], taken['velocity']
-    if position.unit or len(position.values) != len(velocity.values):
+    told = position.unit and not is_mere_angle(position)
+    if told or len(position.values) != len(velocity.values):
         return True
     steps, middle = np.diff(position.values), velocity.values[1:]
     good = np.isfinite(steps) & np.isfinite(middle)
+    good &= np.abs(steps) <= np.percentile(np.abs(steps[good]), 99) if good.any() else good
     if good.sum() < 20 or not np.var(steps[good]) > 0 or not np.var(middle[good]) > 0:
         return True
     return bool(abs(np.corrcoef(steps[good], middle[good])[0, 1]) > 0.5)
