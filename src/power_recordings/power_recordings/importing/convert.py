@@ -148,7 +148,7 @@ def import_logs(
     out: Path,
     progress: Callable[[int], None] = lambda done: None,
     *,
-    overwrite: bool = False,
+    overwrite: bool | None = None,
 ) -> Imported:
     """Write logs, one after the other, as one recording with a card.
 
