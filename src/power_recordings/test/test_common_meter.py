@@ -106,3 +106,10 @@ def test_the_ranges_and_updates_of_a_common_meter_are_shown(capsys):
     print_quality(checked)
     text = 'supply: power 0…96 W (25 Hz), voltage 48 V (0 Hz), current 0…2 A (25 Hz)'
     assert text in capsys.readouterr().out
+
+
+def test_a_zero_with_a_sign_is_shown_as_zero(capsys):
+    print_quality(Checked.of(recording(scales=(-0.0, 1.0))))
+    (line,) = [x for x in capsys.readouterr().out.splitlines() if x.strip().startswith('HIP')]
+    assert ' 0 ' in line
+    assert '-0 ' not in line

@@ -206,9 +206,20 @@ def test_a_list_says_of_which_rows_its_ranges_are(tmp_path, capsys):
     assert main([str(tmp_path / 'log.parquet'), '--list']) == 0
     out = capsys.readouterr().out
     assert '# rows, min, max, changes: of the first 65,536 rows of 99,894\n' in out
-    log = csv(tmp_path / 'log.csv', np.stack([T, SPEED], axis=1), 't_s,vel_rad_s')
-    assert main([str(log), '--list']) == 0
-    assert 'of the first' not in capsys.readouterr().out
+    for rows in (600, 60_000):
+        times = 1_727_000_000 + np.arange(rows) / 1000
+        log = csv(tmp_path / 'log.csv', np.stack([times, np.sin(times)], axis=1), 't_s,vel_rad_s')
+        assert main([str(log), '--list']) == 0
+        assert 'of the first' not in capsys.readouterr().out
+
+
+def test_a_list_shows_ends_that_differ_late_in_more_digits_and_no_negative_zero(tmp_path, capsys):
+    text = '\n'.join(f'{1_727_000_000 + k},{-0.0 if k < 30 else 1}' for k in range(61))
+    (tmp_path / 'log.csv').write_text(f't_s,vel_rad_s\n{text}\n')
+    assert main([str(tmp_path / 'log.csv'), '--list']) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ['1727000000', '1727000060'] in [line[4:6] for line in lines]
+    assert ['0', '1'] in [line[4:6] for line in lines]
 
 
 def test_times_since_1970_in_nanoseconds_are_times(tmp_path, capsys):

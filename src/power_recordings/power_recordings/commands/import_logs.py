@@ -102,7 +102,9 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:
         rate = '' if np.isnan(item.rate) else f'{item.rate:.4g} Hz'
-        low, high = ('' if np.isnan(x) else f'{x:.4g}' for x in (item.low, item.high))
+        near = item.low < item.high and f'{item.low:.4g}' == f'{item.high:.4g}'
+        form = 'z.10g' if near else 'z.4g'
+        low, high = ('' if np.isnan(x) else f'{x:{form}}' for x in (item.low, item.high))
         name, unit = printable(item.column.address, 120), printable(item.column.unit, 12)
         lines.append(
             f'# {name:{width}}  {unit:5} {item.rows:8d} {low:>10} {high:>10} '
