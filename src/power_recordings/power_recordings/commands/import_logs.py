@@ -102,9 +102,8 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:
         rate = '' if np.isnan(item.rate) else f'{item.rate:.4g} Hz'
-        near = item.low < item.high and f'{item.low:.4g}' == f'{item.high:.4g}'
-        form = 'z.10g' if near else 'z.4g'
-        low, high = ('' if np.isnan(x) else f'{x:{form}}' for x in (item.low, item.high))
+        digits = 10 if item.low < item.high and f'{item.low:.4g}' == f'{item.high:.4g}' else 4
+        low, high = ('' if np.isnan(x) else f'{x:z.{digits}g}' for x in (item.low, item.high))
         name, unit = printable(item.column.address, 120), printable(item.column.unit, 12)
         lines.append(
             f'# {name:{width}}  {unit:5} {item.rows:8d} {low:>10} {high:>10} '

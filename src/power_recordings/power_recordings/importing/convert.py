@@ -321,7 +321,10 @@ def _card(
             'from': [source.path.name for source in sources],
             'map': where,
             'columns': plan.columns(),
-            'positive': plan.positive,
+            'positive': {
+                drive: {q: c.positive for q, c in own.items() if q in ('current', 'power')}
+                for drive, own in {**plan.drives, '': plan.supply}.items()
+            },
         },
     }
     if plan.derived:

@@ -17,7 +17,6 @@ JOINT: Final = ('position', 'velocity', 'torque')
 ELECTRICAL: Final = ('voltage', 'current', 'power', 'efficiency', 'loss', 'temperature')
 QUANTITIES: Final = (*JOINT, 'motor_current', 'command', *ELECTRICAL)
 GEARED: Final = ('position', 'velocity', 'command')
-METERED: Final = ('current', 'power')
 _LONGEST: Final = 200  # characters of the name of a map
 _Scale = Annotated[float, Quantity(-1e12, 1e12)]
 

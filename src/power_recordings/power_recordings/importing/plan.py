@@ -15,7 +15,6 @@ from wattwalk_core.errors import InputError, printable, quoted
 
 from power_recordings.importing.map_file import (
     GEARED,
-    METERED,
     DriveMap,
     ImportMap,
     Signal,
@@ -42,6 +41,7 @@ class LogChannel:
     terms: tuple[tuple[LogColumn, ...], ...]
     conversion: Conversion
     value: float = np.nan
+    positive: str = 'drawn'  # in the map
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -114,7 +114,6 @@ class ImportPlan:
     torque_at: Mapping[str, str]  # joint or motor, by drive
     torque_unit: Mapping[str, str]  # A where it is a current
     gear_ratio: Mapping[str, float]
-    positive: Mapping[str, Mapping[str, str]]  # sign of each meter by quantity; '' is the supply
     computed: tuple[str, ...]  # drives whose power is marked so
     time: tuple[tuple[LogColumn, str], ...]  # columns that are added, with their units
     stamp: str
@@ -200,11 +199,6 @@ def make_plan(
         {**at, **dict.fromkeys(current, 'motor')},
         current,
         {name: drive.gear_ratio for name, drive in drives.items() if drive.gear_ratio is not None},
-        {
-            name: metered
-            for name, part in {**drives, '': mapping.supply}.items()
-            if (metered := {q: s.positive for q, s in part.signals().items() if q in METERED})
-        },
         tuple(
             name
             for name, d in drives.items()
@@ -294,7 +288,7 @@ def _channel(
                 f'{where}: at: motor; give gear_ratio, motor turns to one of the joint'
             )
         convert = Conversion(convert.factor / gear_ratio, convert.offset / gear_ratio)
-    return LogChannel(quantity, terms, convert)
+    return LogChannel(quantity, terms, convert, positive=signal.positive)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:

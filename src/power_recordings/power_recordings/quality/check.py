@@ -51,9 +51,8 @@ _LEAST_DRAWN = 0.1  # of the power, by the torque
 class DriveQuality:
     """Figures of one drive; NaN for what was not recorded.
 
-    updates_hz: changes of power per second. power_slope: W per W of torque × speed; of a common
-    meter, where it is sure. velocity_slope: of velocity on the rate of the position. quadrants:
-    share visited.
+    updates_hz: changes of power per second. power_slope: W per W of torque × speed.
+    velocity_slope: of velocity on the rate of the position. quadrants: share visited.
     """
 
     updates_hz: float
@@ -107,10 +106,9 @@ def check_recording(recording: Recording) -> Quality:
     for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
         if recording.has(name):
             topics[name] = timing(getattr(recording, name)().stamp_ns)
-    lost = {}
-    if 'drive_supply' in topics:
-        lost['drive_supply'] = sample_loss(recording.drive_supply().sequence)
-    counts = {name: timing.samples for name, timing in topics.items()}
+    lost = {
+        n: sample_loss(recording.drive_supply().sequence) for n in topics if n == 'drive_supply'
+    }
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
     supply, robot = checker.supply(), checker.robot(drives)
@@ -122,7 +120,7 @@ def check_recording(recording: Recording) -> Quality:
         judged(
             (
                 *clock_findings(recording, topics),
-                *loss_findings(lost, counts),
+                *loss_findings(lost, topics),
                 *checker.findings,
                 *computed_findings(recording.card),
             ),
@@ -162,8 +160,7 @@ class _Checker:
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
         known = rate >= LEAST_UPDATES
-        agree = bool(np.isfinite(slope))
-        balance = self._power(name, power, torque, velocity, agree) if known else None
+        balance = self._power(name, power, torque, velocity, slope == slope) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -275,20 +272,13 @@ class _Checker:
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity)
         if self._recording.card.torque_unit.get(name) != 'A':
-            self._add(self._balance(name, balance, agree))
+            self._add([power_finding(name, balance, self._recording.card, agree)])
         return balance
 
-    def _balance(
-        self, name: str, balance: physics.ShaftBalance | None, agree: bool
-    ) -> list[Finding]:
-        card = self._recording.card
-        found = power_finding(name, balance, card, agree=agree) if balance else None
-        return [found] if found else []
-
-    def _add(self, found: Sequence[Finding]) -> None:
+    def _add(self, found: Sequence[Finding | None]) -> None:
         """Add findings on power of drives, and of all ('') drives, whose velocity is right."""
-        wrong = {f.drive for f in self.findings if f.code == 'velocity_units'}
-        self.findings += [f for f in found if f.drive not in wrong and (f.drive or not wrong)]
+        bad = {f.drive for f in self.findings if f.code == 'velocity_units'}
+        self.findings += [f for f in found if f and f.drive not in bad and (f.drive or not bad)]
 
     def supply(self) -> SupplyQuality | None:
         """Check the supply of the whole robot, and set it against the drives."""
@@ -332,9 +322,9 @@ class _Checker:
             for name, slope, share in zip(joints.names, apart.slopes, apart.shares, strict=True):
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
-            agree = all(np.isfinite(drive.velocity_slope) for drive in drives.values())
+            agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())
             own = drive_findings(joints.names, apart) if apart else []
-            self._add(own or self._balance('', balance, agree))
+            self._add(own or [power_finding('', balance, self._recording.card, agree)])
         return balance
 
     def _line(self, supply: SupplySamples) -> tuple[float, float, float]:

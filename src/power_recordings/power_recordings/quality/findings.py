@@ -95,12 +95,14 @@ def velocity_finding(drive: str, slope: float) -> Finding:
 
 
 def power_finding(
-    drive: str, balance: ShaftBalance, card: Card, *, agree: bool = False
+    drive: str, balance: ShaftBalance | None, card: Card, agree: bool = False
 ) -> Finding | None:
     """Return the fault in units, sign or size of a drive's power, None if none is found.
 
     agree: speed is the rate of the position.
     """
+    if balance is None:
+        return None
     slope, margin = balance.slope, 2 * balance.error
     ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
     ratio = ratios.pop() if len(ratios) == 1 else 1.0
@@ -211,10 +213,8 @@ def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
 def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:
     """Return what the factor nearest to a slope means, empty texts where none is near."""
     factor = min(known, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
-    if known is not _OF_VELOCITY and factor in (1e3, 1e-3):
-        near = 1 / _THOUSAND < slope / factor < _THOUSAND
-    else:
-        near = abs(slope / factor - 1) < _TOLERANCE
+    off, wide = slope / factor, known is not _OF_VELOCITY and factor in (1e3, 1e-3)
+    near = 1 / _THOUSAND < off < _THOUSAND if wide else abs(off - 1) < _TOLERANCE
     return known[factor] if near else ('', '')
 
 
@@ -261,12 +261,12 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
     return found
 
 
-def loss_findings(losses: Mapping[str, SampleLoss], counts: Mapping[str, int]) -> list[Finding]:
-    """Return a warning for each topic with lost samples; counts: samples present, by topic."""
+def loss_findings(losses: Mapping[str, SampleLoss], topics: Mapping[str, Timing]) -> list[Finding]:
+    """Return a warning for each topic with lost samples; topics: timing by name."""
     found = []
     for name, loss in losses.items():
         if loss.samples:
-            many = f'{loss.samples} of {counts[name] + loss.samples} samples'
+            many = f'{loss.samples} of {topics[name].samples + loss.samples} samples'
             text = f'{name}: {many} are missing in {loss.gaps} gaps of sequence; {_RECORD_WITH}'
             found.append(Finding('lost', 'warning', '', text))
     return found

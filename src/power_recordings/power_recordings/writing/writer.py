@@ -325,8 +325,7 @@ def staged(path: Path) -> Iterator[Path]:
 def make_way(path: Path, overwrite: bool | None, *, remove: bool = True) -> None:
     """Remove a recording at `path` to replace it; without `remove`, only check that one may.
 
-    InputError if something is there that is no recording or, without `overwrite`, anything. None
-    is of a command without that option.
+    InputError if there is something but a recording or, unless `overwrite` (None: no option), any.
     """
     try:
         path.lstat()
