@@ -71,23 +71,30 @@ class Card:
 
     @property
     def imported(self) -> Mapping[str, Any]:
-        """Notes of an import: `from`, `map`, `columns`, `velocity`, `formulas`, `notes`."""
+        """Notes of an import: from, map, columns, positive, velocity, formulas, notes."""
         found = self.other.get('imported')
         return found if isinstance(found, Mapping) else {}
 
     def column(self, drive: str, quantity: str) -> str:
         """Return ` (column 'NAME')` with an imported signal's name in the log; '' if unknown."""
-        name = (self._columns(drive) or {}).get(quantity)
+        name = (self._noted('columns', drive) or {}).get(quantity)
         return f' (column {quoted(name)})' if isinstance(name, str) else ''
 
     def lacks(self, drive: str, quantity: str) -> bool:
         """Return whether the recording was imported without a column for a drive's quantity."""
-        columns = self._columns(drive)
+        columns = self._noted('columns', drive)
         derived = quantity == 'velocity' and drive in self.derived_velocity
         return columns is not None and quantity not in columns and not derived
 
-    def _columns(self, drive: str) -> Mapping[str, Any] | None:
-        of_drive = self.imported.get('columns')
+    def turned_meter(self, drive: str) -> str:
+        """Return the line of an import map that turns the sign of a drive's meter; '': of all."""
+        given = self._noted('positive', drive) or {'current': 'drawn'}
+        quantity, sign = next(iter(given.items()))
+        line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'
+        return line if drive else f'supply: {{{line}}}'
+
+    def _noted(self, what: str, drive: str) -> Mapping[str, Any] | None:
+        of_drive = self.imported.get(what)
         named = of_drive.get(drive) if isinstance(of_drive, Mapping) else None
         return named if isinstance(named, Mapping) else None
 

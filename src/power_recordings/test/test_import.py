@@ -267,3 +267,13 @@ def test_a_library_that_is_missing_is_named_with_the_line_that_installs_it(
     error = capsys.readouterr().err
     assert f'reading it needs {module}: pip install' in error
     assert error.count('\n') == 1
+
+
+def test_an_import_to_a_recording_that_exists_names_the_option_that_replaces_it(tmp_path, capsys):
+    log = csv(tmp_path / 'log.csv', table())
+    assert run(log, MAP, tmp_path / 'bag') == 0
+    assert run(log, MAP, tmp_path / 'bag') == 2
+    assert 'bag exists already: choose another name, or --overwrite' in capsys.readouterr().err
+    (tmp_path / 'thesis').mkdir()
+    assert run(log, MAP, tmp_path / 'thesis') == 2
+    assert 'choose another name or remove it' in capsys.readouterr().err

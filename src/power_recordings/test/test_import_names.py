@@ -110,9 +110,32 @@ def test_a_torque_that_is_named_of_the_motor_or_estimated_is_at_the_motor(
     assert ('# gear_ratio: 1   # fill in' in text) == (at == 'motor')
 
 
+def test_a_wheel_in_the_name_of_a_torque_does_not_say_where_it_is_and_each_drive_is_asked(
+    tmp_path, capsys
+):
+    columns = {}
+    for side, speed in (('left', SPEED), ('right', np.cos(SPEED))):
+        columns |= {f'{side}_wheel_torque [Nm]': speed + T, f'{side}_wheel_speed [rpm]': speed}
+    text, _ = guess(tmp_path, capsys, **columns, battery_V=VOLTS, battery_A=WATTS / VOLTS)
+    assert text.count('at: joint}   # by its name; at: joint is a guess\n') == 2
+    assert text.count('    # at: motor is a torque computed from the current, at: joint') == 2
+
+
 def test_a_speed_of_the_motor_asks_for_the_gear_ratio(tmp_path, capsys):
     text, _ = guess(tmp_path, capsys, tau_Nm=TORQUE, motor_speed_rpm=SPEED)
     assert '# gear_ratio: 1   # fill in' in text
+
+
+def test_the_only_column_in_units_of_an_angle_is_the_position_if_it_moves_as_the_speed_says(
+    tmp_path, capsys
+):
+    own = {'tilt_rate [deg/s]': SPEED, 'tilt_torque [Nm]': TORQUE, 'U': VOLTS, 'I': WATTS / VOLTS}
+    _, lines = guess(tmp_path, capsys, **own, **{'tilt [deg]': ANGLE})
+    assert "position: {from: 'tilt [deg]', unit: deg}   # by its unit" in lines['position']
+    others = ({'tilt [deg]': TORQUE}, {'tilt [deg]': ANGLE, 'slope [deg]': ANGLE})
+    for angles in (*others, {'tilt [deg]': ANGLE, 'tilt_angle': ANGLE}):
+        text, _ = guess(tmp_path, capsys, **own, **angles)
+        assert "from: 'tilt [deg]'" not in text
 
 
 def test_symbols_of_din_are_known(tmp_path, capsys):
@@ -183,9 +206,20 @@ def test_a_list_says_of_which_rows_its_ranges_are(tmp_path, capsys):
     assert main([str(tmp_path / 'log.parquet'), '--list']) == 0
     out = capsys.readouterr().out
     assert '# rows, min, max, changes: of the first 65,536 rows of 99,894\n' in out
-    log = csv(tmp_path / 'log.csv', np.stack([T, SPEED], axis=1), 't_s,vel_rad_s')
-    assert main([str(log), '--list']) == 0
-    assert 'of the first' not in capsys.readouterr().out
+    for rows in (600, 60_000):
+        times = 1_727_000_000 + np.arange(rows) / 1000
+        log = csv(tmp_path / 'log.csv', np.stack([times, np.sin(times)], axis=1), 't_s,vel_rad_s')
+        assert main([str(log), '--list']) == 0
+        assert 'of the first' not in capsys.readouterr().out
+
+
+def test_a_list_shows_ends_that_differ_late_in_more_digits_and_no_negative_zero(tmp_path, capsys):
+    text = '\n'.join(f'{1_727_000_000 + k},{-0.0 if k < 30 else 1}' for k in range(61))
+    (tmp_path / 'log.csv').write_text(f't_s,vel_rad_s\n{text}\n')
+    assert main([str(tmp_path / 'log.csv'), '--list']) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ['1727000000', '1727000060'] in [line[4:6] for line in lines]
+    assert ['0', '1'] in [line[4:6] for line in lines]
 
 
 def test_times_since_1970_in_nanoseconds_are_times(tmp_path, capsys):

@@ -126,9 +126,24 @@ def test_a_torque_of_the_motors_shaft_is_told_with_the_scale_to_write(tmp_path):
     refuse_wrong_units(geared(tmp_path, 1 / 60, 60.0))  # both of the shaft
 
 
-def test_a_speed_of_the_motor_beside_a_torque_of_the_joint_is_told(tmp_path):
+def test_a_speed_of_the_motor_beside_a_torque_of_the_joint_is_told_where_no_position_is(tmp_path):
+    bag = geared(tmp_path, 1.0, 45.0, 45.0)
+    joints = bag.joint_states()
+    still = replace(joints, position=np.full_like(joints.position, np.nan))
+    unplaced = {'joint_states': still, 'drive_supply': bag.drive_supply()}
+    bag = replace(Recording.in_memory('log', unplaced), folder=tmp_path)
     with pytest.raises(InputError, match=r'in the map: velocity: \{at: motor\}'):
-        refuse_wrong_units(geared(tmp_path, 1.0, 45.0, 45.0))
+        refuse_wrong_units(bag)
+
+
+@pytest.mark.parametrize(('torque', 'speed'), [(60.0, 1.0), (1.0, 60.0)])
+def test_where_speed_and_position_agree_the_torque_is_suspected_before_them(
+    tmp_path, torque, speed
+):
+    with pytest.raises(InputError, match='1 / gear_ratio 60: torque multiplied by it') as raised:
+        refuse_wrong_units(geared(tmp_path, torque, speed))
+    assert 'Or position and speed, which agree, both at: motor?' in str(raised.value)
+    assert 'in the map: torque: {scale: SCALE / 60}' in str(raised.value)
 
 
 def test_a_far_slope_of_a_small_share_of_the_power_is_warned_of_without_a_gear_ratio(
@@ -148,7 +163,7 @@ def test_friction_that_heats_the_winding_in_slow_motion_is_no_error_of_units():
     balance = power_balance(power, load, slow)
     assert balance.slope > 2.6 > 1.3 > balance.rubbed > 0.7
     assert balance.share > 0.3
-    (found,) = [power_finding('J2', balance)]
+    (found,) = [power_finding('J2', balance, Card())]
     assert found.severity == 'warning'
     assert 'losses that grow with load and speed' in found.text
 
@@ -158,3 +173,22 @@ def test_a_long_finding_is_printed_to_its_end(capsys):
     print_quality(Checked.of(recording(noise)))
     out = capsys.readouterr().out
     assert "the winding's current, if the log has it; in the map: torque: {from: …" in out
+
+
+@pytest.mark.parametrize(
+    ('noted', 'mend'),
+    [
+        ({}, 'current: {positive: fed}'),
+        ({'KNEE': {'current': 'fed'}}, 'current: {positive: drawn}'),
+        ({'KNEE': {'power': 'drawn'}}, 'power: {positive: fed}'),
+    ],
+    ids=['unknown', 'current', 'power'],
+)
+def test_where_a_drive_would_have_losses_below_zero_the_sign_of_its_meter_is_turned(
+    tmp_path, noted, mend
+):
+    Card.of({'imported': {'positive': noted}}).save(tmp_path)
+    fed = replace(recording(-(TORQUE * SPEED + 8.0)), folder=tmp_path)
+    (found,) = [f for f in check_recording(fed).findings if f.severity == 'error']
+    assert "and the losses would be -8 W: the meter's sign is wrong" in found.text
+    assert found.mend == mend

@@ -23,6 +23,7 @@ def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path
         (('unit: rpm', 'unit: rev/s'), 'velocity_units', 'velocity: {unit: rpm}'),
         (('unit: rev}', 'unit: rad}'), 'velocity_units', 'position: {unit: rev}'),
         (('scale: 0.5', 'scale: -0.5'), 'power_units', 'torque: {scale: -1}'),
+        (('positive: fed', 'positive: drawn'), 'power_units', 'current: {positive: fed}'),
     ):
         run(log, MAP.replace(*change) if change[0] else MAP, tmp_path / 'bag', '--overwrite')
         errors = [
@@ -45,7 +46,7 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
         ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
         ('milliamperes', (1, 1, 1e3), ('power_units', 'current is in mA?')),
-        ('fed', (1, 1, -1), ('power_units', 'a sign is wrong')),
+        ('fed', (1, 1, -1), ('power_units', "the meter's sign is wrong")),
     ):
         changed = rows.copy()
         changed[:, 1] *= factor[0]

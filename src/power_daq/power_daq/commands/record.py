@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     """Record until Ctrl-C or the end of the duration; 2 for bad input or a full disk."""
     card = card_of(options.card)
     topics = topics_of(options.topics)
-    make_way(options.output, overwrite=False)
+    make_way(options.output, overwrite=None)
     for type_name in topics.values():
         message_class(type_name)
 

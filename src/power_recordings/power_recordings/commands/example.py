@@ -14,7 +14,7 @@ WALK: Final = Path(__file__).parents[1] / 'example' / 'walk_small'
 
 def run(options: argparse.Namespace) -> None:
     """Copy the installed example to `options.output`; InputError if that path exists."""
-    make_way(options.output, overwrite=False)
+    make_way(options.output, overwrite=None)
     check_room(options.output)
     shutil.copytree(WALK, options.output)
     print(f'{options.output}: 25 s of a simulated walk, its 12 drives metered')

@@ -79,9 +79,6 @@ def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.
             'right, `power_lab fit` takes the recording with --ignore-unit-conflicts'
         )
         return
-    if not recording.has('drive_supply') and not recording.has('supply'):
-        print('next: nothing in it was metered: a model of power cannot be fitted to it')
-        return
     try:
         align(recording, rate=50.0, need_power=recording.has('drive_supply'))
     except InputError as error:
@@ -105,7 +102,8 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:
         rate = '' if np.isnan(item.rate) else f'{item.rate:.4g} Hz'
-        low, high = ('' if np.isnan(x) else f'{x:.4g}' for x in (item.low, item.high))
+        digits = 10 if item.low < item.high and f'{item.low:.4g}' == f'{item.high:.4g}' else 4
+        low, high = ('' if np.isnan(x) else f'{x:z.{digits}g}' for x in (item.low, item.high))
         name, unit = printable(item.column.address, 120), printable(item.column.unit, 12)
         lines.append(
             f'# {name:{width}}  {unit:5} {item.rows:8d} {low:>10} {high:>10} '

@@ -64,15 +64,19 @@ def print_quality(checked: Checked) -> None:
             _figure(drive.power_slope, '{:.2f}'),
             _figure(drive.power_share, '{:.0%}'),
             _figure(drive.velocity_slope, '{:.2f}'),
-            *('…'.join(dict.fromkeys(_figure(x, '{:.3g}') for x in ends)) for ends in ranges),
+            *map(_span, ranges),
             f'{100 * drive.cells:.0f} %',
         )
     console.print(table)
-    if (line := quality.supply) is not None:
-        console.print(
-            f'  robot = {line.slope:.2f} × sum of its drives {line.offset:+.1f} W '
-            f'(R² {line.r2:.2f})'
+    if (supply := quality.supply) is not None:
+        signals = (
+            f'{name} {_span(ends)} {unit} ({supply.updates_hz[name]:.0f} Hz)'
+            for (name, ends), unit in zip(supply.ranges.items(), 'WVA', strict=True)
         )
+        console.print(f'  supply: {", ".join(signals)}')
+        if supply.slope == supply.slope:
+            line = f'{supply.slope:.2f} × sum of its drives {supply.offset:+.1f} W'
+            console.print(f'  robot = {line} (R² {supply.r2:.2f})')
     if quality.robot is not None:
         console.print(f'  power of the robot: {quality.robot}')
     if card.derived_velocity:
@@ -89,6 +93,10 @@ def print_quality(checked: Checked) -> None:
 def _plain(text: str, longest: int = 200) -> str:
     """A text of a file or a user as rich prints it: no markup, no control characters."""
     return escape(printable(text, longest))
+
+
+def _span(ends: tuple[float, float]) -> str:
+    return '…'.join(dict.fromkeys(_figure(x, '{:z.3g}') for x in ends))
 
 
 def _figure(value: float, form: str) -> str:

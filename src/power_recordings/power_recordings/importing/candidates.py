@@ -100,7 +100,7 @@ _RULES: Final = (
 )
 _VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)[uv](_|$)'))  # from here not whose it is
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
-_OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'temperature')
+_OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'temperature', 'position')
 _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
 _PLAIN: Final = {'winding': 'current'}
 _STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
@@ -164,8 +164,15 @@ class CandidateColumn:
 def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
     """Return the columns that vary and may hold a quantity, each with its drive."""
     found = [c for item in listed if (c := _candidate(item)) is not None]
-    found = [_held(c, found) for c in found]
-    return _by_word(_by_number(found))
+    angles = [c for c in found if is_mere_angle(c)]
+    found = _by_word(_by_number([_held(c, found) for c in found if not is_mere_angle(c)]))
+    alone = len(angles) == 1 and not any(c.drive or c.quantity == 'position' for c in found)
+    return [*found, *angles] if alone else found
+
+
+def is_mere_angle(candidate: CandidateColumn) -> bool:
+    """Return whether only its unit makes a column a position."""
+    return candidate.quantity == 'position' and candidate.rank >= _BY_UNIT
 
 
 def _candidate(item: Listed) -> CandidateColumn | None:

@@ -148,7 +148,7 @@ def import_logs(
     out: Path,
     progress: Callable[[int], None] = lambda done: None,
     *,
-    overwrite: bool = False,
+    overwrite: bool | None = None,
 ) -> Imported:
     """Write logs, one after the other, as one recording with a card.
 
@@ -321,6 +321,10 @@ def _card(
             'from': [source.path.name for source in sources],
             'map': where,
             'columns': plan.columns(),
+            'positive': {
+                drive: {q: c.positive for q, c in own.items() if q in ('current', 'power')}
+                for drive, own in {**plan.drives, '': plan.supply}.items()
+            },
         },
     }
     if plan.derived:

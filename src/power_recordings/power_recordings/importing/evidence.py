@@ -13,6 +13,7 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.importing.candidates import CandidateColumn
 from power_recordings.importing.units import conversion
+from power_recordings.quality.physics import solve
 
 # Of a speed that states no unit: the most W of power for a W of torque × speed. What is less than
 # 0.45 W in rad/s is 4.3 W in rpm: the losses of a drive that mostly holds; and of one that drives
@@ -171,11 +172,9 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
     slope = float(np.cov(shaft, p)[0, 1] / np.var(shaft, ddof=1))
     if not slope**2 * float(np.var(shaft)) > _MOVED * spread:
         return None
-    design = np.stack([shaft, np.square(t), np.abs(w), np.ones_like(p)], axis=1)
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    found, *_ = np.linalg.lstsq(design / scale, p, rcond=1e-10)
-    r2 = 1 - float(np.var(p - design / scale @ found)) / spread
-    losses = float(np.mean(p - shaft * found[0] / scale[0]))
+    found, _, rest = solve(np.stack([shaft, t**2, np.abs(w), np.ones_like(p)], axis=1), p)
+    r2 = 1 - float(np.var(rest)) / spread
+    losses = float(np.mean(p - shaft * found[0]))
     turned: Turned = '' if slope > 0 else ('torque' if losses > 0 else 'power')
     if turned and (r2 < _SURE or not found[0] < 0):
         return None

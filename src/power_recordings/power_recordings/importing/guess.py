@@ -15,6 +15,7 @@ from power_recordings.importing.candidates import (
     WANTED,
     CandidateColumn,
     candidates,
+    is_mere_angle,
 )
 from power_recordings.importing.evidence import (
     ByQuantity,
@@ -61,7 +62,7 @@ _NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column is in volt
 _MOTORS: Final = r'(^|_)(motor|mot|rotor)(_|$)'
 _COMPUTED: Final = r'(^|_)(est[a-z]*|hat|calc[a-z]*|cur[a-z]*|iq)(_|$)'
 _MEASURED: Final = r'sensor|load_?cell|transducer'
-_BEHIND: Final = r'joint|output|wheel|link'
+_BEHIND: Final = r'joint|output|link'
 _AT: Final = (
     '    # at: motor is a torque computed from the current, at: joint that of a sensor behind the '
     'gear; it decides which effects can be found: check'
@@ -119,7 +120,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     bodies = {name: drive.lines(best, bool(supply)) for name, drive in made.items()}
     for name, body in _folded(bodies).items():
         lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:']
-        lines += [line for line in body if line not in (_AT, _GEAR) or line not in lines]
+        lines += body
     if not drives:
         lines.append('  DRIVE: {}   # no column looks like a position, speed or torque: fill in')
     lines += supply
@@ -334,12 +335,14 @@ def _velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
 
 
 def _follows(taken: Mapping[str, CandidateColumn]) -> bool:
-    """Tell whether a position that states no unit moves as the velocity says, in some unit."""
+    """Tell whether a position that lacks a unit or a name moves as the velocity says."""
     position, velocity = taken['position'], taken['velocity']
-    if position.unit or len(position.values) != len(velocity.values):
+    told = position.unit and not is_mere_angle(position)
+    if told or len(position.values) != len(velocity.values):
         return True
     steps, middle = np.diff(position.values), velocity.values[1:]
     good = np.isfinite(steps) & np.isfinite(middle)
+    good &= np.abs(steps) <= np.percentile(np.abs(steps[good]), 99) if good.any() else good
     if good.sum() < 20 or not np.var(steps[good]) > 0 or not np.var(middle[good]) > 0:
         return True
     return bool(abs(np.corrcoef(steps[good], middle[good])[0, 1]) > 0.5)

@@ -1,7 +1,7 @@
 """Columns of a log with their units, ranges, rates and changes, as `import --list` shows them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -62,7 +62,8 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
     known = {column.address: column for column in columns}
     parts: dict[str, list[np.ndarray]] = {}
     stamps: dict[str, list[np.ndarray]] = {}
-    for block in first_rows(source, columns, min(_ROWS, _CELLS // max(len(columns), 1))):
+    blocks = source.read([*known], lambda done: None)
+    for block in first_rows(blocks, columns, min(_ROWS, _CELLS // max(len(columns), 1))):
         for address, values in block.values.items():
             parts.setdefault(address, []).append(values)
         if block.log_ns is not None:
@@ -70,9 +71,10 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
             stamps.setdefault(block.stream, []).append(
                 header if header is not None and header.any() else block.log_ns
             )
-    result = {}
+    result, ended = {}, next(blocks, None) is None
     for address, arrays in parts.items():
         column, values = known[address], np.concatenate(arrays)
+        column = replace(column, rows=len(values)) if ended else column
         steps = np.diff(np.concatenate(stamps.get(column.stream, [np.zeros(0)]))) / 1e9
         rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else np.nan
         result[address] = _listed(column, values, rate)

@@ -41,6 +41,7 @@ class LogChannel:
     terms: tuple[tuple[LogColumn, ...], ...]
     conversion: Conversion
     value: float = np.nan
+    positive: str = 'drawn'  # in the map
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -287,7 +288,7 @@ def _channel(
                 f'{where}: at: motor; give gear_ratio, motor turns to one of the joint'
             )
         convert = Conversion(convert.factor / gear_ratio, convert.offset / gear_ratio)
-    return LogChannel(quantity, terms, convert)
+    return LogChannel(quantity, terms, convert, positive=signal.positive)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:

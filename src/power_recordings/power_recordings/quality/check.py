@@ -1,11 +1,11 @@
 """Quality of a recording: a table by drive, and findings with the line of the map to mend."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from wattwalk_core.arrays import Floats, Singles, Stamps
+from wattwalk_core.arrays import Floats, Singles
 
 from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
@@ -16,6 +16,7 @@ from power_recordings.quality.findings import (
     clock_findings,
     computed_findings,
     constant_voltage,
+    drive_findings,
     judged,
     loss_findings,
     power_finding,
@@ -66,9 +67,15 @@ class DriveQuality:
 
 
 @dataclass(frozen=True)
-class SupplyLine:
-    """Line fitted to the robot's power over the sum of its drives' powers."""
+class SupplyQuality:
+    """Figures of the robot's supply, and its power's line over the sum of its drives' powers.
 
+    updates_hz, ranges (1st and 99th percentile, W, V and A): by `power`, `voltage` and `current`,
+    drawn. slope, offset, r2: of the line, NaN without meters of all drives.
+    """
+
+    updates_hz: Mapping[str, float]
+    ranges: Mapping[str, tuple[float, float]]
     slope: float
     offset: float  # W
     r2: float
@@ -83,7 +90,7 @@ class Quality:
     drives: Mapping[str, DriveQuality]
     torque_at: Mapping[str, str]
     findings: tuple[Finding, ...]
-    supply: SupplyLine | None = None  # robot's power over the sum of its drives'
+    supply: SupplyQuality | None = None
     robot: physics.ShaftBalance | None = None  # where it alone was metered
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
@@ -99,13 +106,12 @@ def check_recording(recording: Recording) -> Quality:
     for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
         if recording.has(name):
             topics[name] = timing(getattr(recording, name)().stamp_ns)
-    lost = {}
-    if 'drive_supply' in topics:
-        lost['drive_supply'] = sample_loss(recording.drive_supply().sequence)
-    counts = {name: timing.samples for name, timing in topics.items()}
+    lost = {
+        n: sample_loss(recording.drive_supply().sequence) for n in topics if n == 'drive_supply'
+    }
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
-    line, robot = checker.supply(), checker.robot()
+    supply, robot = checker.supply(), checker.robot(drives)
     return Quality(
         recording.duration,
         topics,
@@ -114,13 +120,13 @@ def check_recording(recording: Recording) -> Quality:
         judged(
             (
                 *clock_findings(recording, topics),
-                *loss_findings(lost, counts),
+                *loss_findings(lost, topics),
                 *checker.findings,
                 *computed_findings(recording.card),
             ),
             recording.card.steady,
         ),
-        line,
+        supply,
         robot,
         lost,
     )
@@ -154,7 +160,7 @@ class _Checker:
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
         known = rate >= LEAST_UPDATES
-        balance = self._power(name, power, torque, velocity) if known else None
+        balance = self._power(name, power, torque, velocity, slope == slope) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -211,7 +217,8 @@ class _Checker:
         power = electric.power[:, column]
         if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
             self.findings.append(volts)
-        rate = self._updates(electric.stamp_ns, power, name, 'its', ' of a joint')
+        rate = float(updates(electric.stamp_ns, power[:, None])[0])
+        self._slow(rate, name, 'its', ' of a joint')
         share = clipped(electric.current[:, column])
         if share > _CLIPPED:
             self._find('clipped', 'warning', name, f'current is clipped in {share:.0%} of samples')
@@ -226,16 +233,14 @@ class _Checker:
             return rate, values_at(electric.stamp_ns, power, self._joints.stamp_ns)
         return rate, np.full(len(time), np.nan)
 
-    def _updates(self, stamps: Stamps, power: Singles, drive: str, whose: str, of: str) -> float:
-        """Rate of updates of a power [N], which is an error of `drive` where it is too low."""
-        rate = float(updates(stamps, power[:, None])[0])
+    def _slow(self, rate: float, drive: str, whose: str, of: str) -> None:
+        """Add an error of `drive` if the rate of its power's updates is too low."""
         if rate < LEAST_UPDATES:
             text = (
                 f'{whose} power changes {rate:.3g} times a second; a model{of} needs '
                 f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)'
             )
             self._find('slow_power', 'error', drive, text)
-        return rate
 
     def _velocity(self, name: str, time: Floats, position: Floats, velocity: Floats) -> float:
         card = self._recording.card
@@ -253,7 +258,7 @@ class _Checker:
         return found.slope
 
     def _power(
-        self, name: str, power: Floats, torque: Floats, velocity: Floats
+        self, name: str, power: Floats, torque: Floats, velocity: Floats, agree: bool
     ) -> physics.ShaftBalance | None:
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
@@ -267,19 +272,15 @@ class _Checker:
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity)
         if self._recording.card.torque_unit.get(name) != 'A':
-            self._balance(name, balance)
+            self._add([power_finding(name, balance, self._recording.card, agree)])
         return balance
 
-    def _balance(self, name: str, balance: physics.ShaftBalance | None) -> None:
-        ratios = {r for n, r in self._recording.card.gear_ratio.items() if name in ('', n)}
-        ratio = ratios.pop() if len(ratios) == 1 else 1.0
-        found = None if balance is None else power_finding(name, balance, ratio)
-        if found and not any(
-            f.drive == name and f.code == 'velocity_units' for f in self.findings
-        ):
-            self.findings.append(found)
+    def _add(self, found: Sequence[Finding | None]) -> None:
+        """Add findings on power of drives, and of all ('') drives, whose velocity is right."""
+        bad = {f.drive for f in self.findings if f.code == 'velocity_units'}
+        self.findings += [f for f in found if f and f.drive not in bad and (f.drive or not bad)]
 
-    def supply(self) -> SupplyLine | None:
+    def supply(self) -> SupplyQuality | None:
         """Check the supply of the whole robot, and set it against the drives."""
         if not self._recording.has('supply'):
             return None
@@ -291,13 +292,21 @@ class _Checker:
             worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
         if mean < 0 and worked > _GENERATES * mean:
             text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
-            self._find('supply_sign', 'error', '', text, 'supply: {current: {positive: fed}}')
+            mend = self._recording.card.turned_meter('')
+            self._find('supply_sign', 'error', '', text, mend)
+        signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
+        found = updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
+        rates = dict(zip(signals, found, strict=True))
         if self._electric is None:
-            self._updates(supply.stamp_ns, supply.power, '', "the robot's", '')
-        return self._line(supply)
+            self._slow(rates['power'], '', "the robot's", '')
+        ranges = {name: _range(values) for name, values in signals.items()}
+        return SupplyQuality(rates, ranges, *self._line(supply))
 
-    def robot(self) -> physics.ShaftBalance | None:
-        """Set the power of a robot whose drives have no meter against their motion."""
+    def robot(self, drives: dict[str, DriveQuality]) -> physics.ShaftBalance | None:
+        """Set the power of a robot whose drives have no meter against their motion.
+
+        Puts the slopes of `drives` that are sure into their figures.
+        """
         joints = self._joints
         if self._electric is not None or joints is None or not self._recording.has('supply'):
             return None
@@ -308,25 +317,31 @@ class _Checker:
         power = values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
         balance = physics.power_balance(power, *motion)
-        if balance is not None and 'supply_sign' not in [f.code for f in self.findings]:
-            self._balance('', balance)
+        known = {f.code for f in self.findings if not f.drive}
+        if apart := None if 'slow_power' in known else physics.drive_slopes(power, *motion):
+            for name, slope, share in zip(joints.names, apart.slopes, apart.shares, strict=True):
+                drives[name] = replace(drives[name], power_slope=slope, power_share=share)
+        if 'supply_sign' not in known:
+            agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())
+            own = drive_findings(joints.names, apart) if apart else []
+            self._add(own or [power_finding('', balance, self._recording.card, agree)])
         return balance
 
-    def _line(self, supply: SupplySamples) -> SupplyLine | None:
+    def _line(self, supply: SupplySamples) -> tuple[float, float, float]:
         if self._electric is None or len(self._electric.names) < len(self.names):
-            return None
+            return (np.nan,) * 3
         drawn = values_at(
             self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns
         )
         good = np.isfinite(drawn) & np.isfinite(supply.power)
         if good.sum() < _FEWEST or np.var(drawn[good]) == 0 or np.var(supply.power[good]) == 0:
-            return None
+            return (np.nan,) * 3
         slope, offset = np.polyfit(drawn[good], supply.power[good].astype(np.float64), 1)
         r2 = np.corrcoef(drawn[good], supply.power[good])[0, 1] ** 2
-        return SupplyLine(float(slope), float(offset), float(r2))
+        return float(slope), float(offset), float(r2)
 
 
-def _range(values: Floats) -> tuple[float, float]:
+def _range(values: Floats | Singles) -> tuple[float, float]:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return (np.nan, np.nan)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.card import Card
-from power_recordings.quality.physics import ShaftBalance
+from power_recordings.quality.physics import DriveSlopes, ShaftBalance
 from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
@@ -36,6 +36,7 @@ class Finding:
 
 _OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
 _TOLERANCE: Final = 0.12
+_THOUSAND: Final = 3.0  # times off which a slope of power may be to be one of milli
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
@@ -74,6 +75,7 @@ _OF_POWER: Final[Mapping[float, tuple[str, str]]] = {
     1e6: ('current is in mA and voltage in mV', 'current: {unit: mA}, voltage: {unit: mV}'),
 }
 
+_TURNED: Final = 'torque: {scale: -1}'
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
 _SCALES: Final = (np.sqrt(_TURN / 60), np.sqrt(_TURN))
 
@@ -92,28 +94,41 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
-def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) -> Finding | None:
-    """Return the fault in units, sign or size of a drive's power, None if none is found."""
+def power_finding(
+    drive: str, balance: ShaftBalance | None, card: Card, agree: bool = False
+) -> Finding | None:
+    """Return the fault in units, sign or size of a drive's power, None if none is found.
+
+    agree: speed is the rate of the position.
+    """
+    if balance is None:
+        return None
     slope, margin = balance.slope, 2 * balance.error
-    if (geared := _gear_finding(drive, balance, gear_ratio)) is not None:
+    ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
+    ratio = ratios.pop() if len(ratios) == 1 else 1.0
+    if (geared := _gear_finding(drive, balance, ratio, agree)) is not None:
         return geared
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
+    meaning, mend = _meaning(slope, _OF_POWER)
+    if not drive and mend.startswith('current'):
+        mend = f'supply: {{{mend}}}'
     if decided and slope < -margin:
-        text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
-        return Finding('power_units', 'error', drive, text, 'torque: {scale: -1}')
-    if balance.impossible and not (decided and _meaning(slope, _OF_POWER)[0]):
-        text = (
-            f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were '
-            'metered: units of torque and speed?'
-        )
-        return Finding('power_units', 'error', drive, text)
+        text = f'power falls by {-slope:.3g} W with each W of torque × speed'
+        whose, mend = 'a', _TURNED
+        if balance.losses < 0:
+            text += f', and the losses would be {balance.losses:.3g} W'
+            whose, mend = "the meter's", card.turned_meter(drive)
+        return Finding('power_units', 'error', drive, f'{text}: {whose} sign is wrong', mend)
+    if balance.impossible and not (decided and meaning):
+        cause = meaning if balance.share > _HINTED and meaning else 'units of torque and speed'
+        text = f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were'
+        return Finding('power_units', 'error', drive, f'{text} metered: {cause}?')
     if slope < -2 * margin and balance.share > _HINTED:
         text = f'power falls with torque × speed, {balance}: is a sign wrong?'
         return Finding('power_slope', 'warning', drive, text)
     hinted = balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or _USUAL[0] - margin < slope < _USUAL[1] + margin:
         return None
-    meaning, mend = _meaning(slope, _OF_POWER)
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
     rubs = slope > _SCALES[1] and _USUAL[0] < balance.rubbed < _USUAL[1]
     if decided and meaning and not rubs:
@@ -125,14 +140,27 @@ def power_finding(drive: str, balance: ShaftBalance, gear_ratio: float = 1.0) ->
     if not decided:
         text = f"{of_all}, not by about 1: another unit, or torque of the motor's shaft?"
         return Finding('power_slope', 'warning', drive, text, 'torque: {scale: GEAR RATIO}')
-    text += (
-        ', not by about 1: a gear between, or two units at once? Check those of torque, speed, '
-        'voltage and current.'
-    )
-    return Finding('power_units', 'error', drive, text)
+    text += ', not by about 1: a gear between, or two units at once? Check those of torque, speed'
+    return Finding('power_units', 'error', drive, f'{text}, voltage and current.')
 
 
-def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | None:
+def drive_findings(names: Sequence[str], found: DriveSlopes) -> list[Finding]:
+    """Return the drives on a common meter whose own slope shows a sign or unit to be wrong."""
+    result = []
+    for drive, slope in zip(names, found.slopes if found.losses > 0 else (), strict=False):
+        meaning, mend = _meaning(slope, {1e-3: _OF_POWER[1e-3]})
+        if slope < -_SCALES[0]:
+            meaning, mend = 'a sign is wrong', _TURNED
+        if meaning:
+            goes = 'falls' if slope < 0 else 'grows'
+            text = (
+                f"the robot's power {goes} by {abs(slope):.3g} W with each W of its torque × speed"
+            )
+            result.append(Finding('power_units', 'error', drive, f'{text}: {meaning}', mend))
+    return result
+
+
+def _gear_finding(drive: str, balance: ShaftBalance, ratio: float, agree: bool) -> Finding | None:
     """Return what is amiss where power grows by the gear ratio with torque × speed."""
     slope = balance.slope
     size = max(ratio, 1 / ratio)
@@ -147,26 +175,24 @@ def _gear_finding(drive: str, balance: ShaftBalance, ratio: float) -> Finding | 
             f'{other}? Multiply it, beside its unit'
         )
         return Finding('power_units', 'error', drive, text, f'torque: {{scale: {ratio:g}}}')
-    if not meaning and _USUAL[0] < slope * ratio < _USUAL[1]:
-        text += f'1 / gear_ratio {ratio:g}: torque of the joint and speed of the motor?'
-        return Finding('power_units', 'error', drive, text, 'velocity: {at: motor}')
+    if (agree or not meaning) and _USUAL[0] < slope * ratio < _USUAL[1]:
+        cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
+        if agree:
+            cause = 'torque multiplied by it? Or position and speed, which agree, both at: motor?'
+            mend = f'torque: {{scale: SCALE / {ratio:g}}}'
+        text += f'1 / gear_ratio {ratio:g}: {cause}'
+        return Finding('power_units', 'error', drive, text, mend)
     return None
 
 
 def computed_findings(card: Card) -> list[Finding]:
     """Return a warning for each drive whose power was computed by firmware, not metered."""
-    return [
-        Finding(
-            'computed_power',
-            'warning',
-            drive,
-            'power computed by the firmware'
-            + (f', {formula}' if (formula := card.formula(drive)) else '')
-            + ': its losses are not in it',
-        )
-        for drive, kind in card.power.items()
-        if kind == 'computed'
-    ]
+    found = []
+    for drive in (drive for drive, kind in card.power.items() if kind == 'computed'):
+        formula = f', {card.formula(drive)}' if card.formula(drive) else ''
+        text = f'power computed by the firmware{formula}: its losses are not in it'
+        found.append(Finding('computed_power', 'warning', drive, text))
+    return found
 
 
 def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | None:
@@ -175,9 +201,8 @@ def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | Non
     if not len(known) or known.min() < known.max():
         return None
     text = f'its voltage is {known[0]:.4g} V throughout: its power is a constant times its current'
-    return Finding(
-        'constant_voltage', 'warning', drive, f'{text}, how the supply sags is not in it'
-    )
+    text += ', how the supply sags is not in it'
+    return Finding('constant_voltage', 'warning', drive, text)
 
 
 def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
@@ -188,7 +213,9 @@ def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
 def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:
     """Return what the factor nearest to a slope means, empty texts where none is near."""
     factor = min(known, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
-    return known[factor] if abs(slope / factor - 1) < _TOLERANCE else ('', '')
+    off, wide = slope / factor, known is not _OF_VELOCITY and factor in (1e3, 1e-3)
+    near = 1 / _THOUSAND < off < _THOUSAND if wide else abs(off - 1) < _TOLERANCE
+    return known[factor] if near else ('', '')
 
 
 _GAPS: Final = 0.05  # share of the recording
@@ -234,19 +261,15 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
     return found
 
 
-def loss_findings(losses: Mapping[str, SampleLoss], counts: Mapping[str, int]) -> list[Finding]:
-    """Return a warning for each topic with lost samples; counts: samples present, by topic."""
-    return [
-        Finding(
-            'lost',
-            'warning',
-            '',
-            f'{name}: {loss.samples} of {counts[name] + loss.samples} samples are missing in '
-            f'{loss.gaps} gaps of sequence; {_RECORD_WITH}',
-        )
-        for name, loss in losses.items()
-        if loss.samples
-    ]
+def loss_findings(losses: Mapping[str, SampleLoss], topics: Mapping[str, Timing]) -> list[Finding]:
+    """Return a warning for each topic with lost samples; topics: timing by name."""
+    found = []
+    for name, loss in losses.items():
+        if loss.samples:
+            many = f'{loss.samples} of {topics[name].samples + loss.samples} samples'
+            text = f'{name}: {many} are missing in {loss.gaps} gaps of sequence; {_RECORD_WITH}'
+            found.append(Finding('lost', 'warning', '', text))
+    return found
 
 
 def _apart(recording: Recording, power: str) -> list[Finding]:

@@ -6,6 +6,11 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 _ENOUGH = 50  # samples
+_ROWS = 100_000  # of a fit of many drives
+_BLOCKS = 30  # of time, whose remainders tell the error of a slope
+_CERTAIN = 4  # standard errors
+_ALIKE = 20  # samples in a row that count as one
+_FREE = 1e-4  # of the variance of τω, that no other term has
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
 
@@ -43,7 +48,8 @@ class ShaftBalance:
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
-    copper loss that friction adds: in slow motion it looks like τω.
+    copper loss that friction adds: in slow motion it looks like τω. losses: mean of P − a·τω, W,
+    which is above 0 unless the sign of P is wrong.
     """
 
     slope: float
@@ -53,6 +59,7 @@ class ShaftBalance:
     shaft: float
     power: float
     rubbed: float
+    losses: float
 
     def __str__(self) -> str:
         return (
@@ -71,38 +78,72 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
 
     torque: N·m, and velocity: rad/s, are [N] or [N, D]. None for fewer than 500 samples.
     """
-    if len(power) < 10 * _ENOUGH:
-        return None
-    torque, velocity = (each.reshape(len(power), -1) for each in (torque, velocity))
-    good = np.isfinite(power) & np.isfinite(torque + velocity).all(axis=1)
-    power, torque, velocity = power[good], torque[good], velocity[good]
+    power, torque, velocity = _known(power, torque, velocity)
     if len(power) < 10 * _ENOUGH:
         return None
     spread = max(float(np.var(power)), 1e-12)
     terms = (torque * velocity, torque**2, np.abs(velocity))
     design = np.stack([*(term.sum(axis=1) for term in terms), np.ones_like(power)], axis=1)
-    shaft = float(np.sqrt(np.mean(design[:, 0] ** 2)))
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    design = design / scale
-    found, *_ = np.linalg.lstsq(design, power, rcond=1e-10)
-    remainder = float(np.var(power - design @ found))
+    shaft = design[:, 0]
+    (slope, *_), inverse, rest = solve(design, power)
     heat = (torque * np.sign(velocity)).sum(axis=1, keepdims=True)
-    apart, *_ = np.linalg.lstsq(np.hstack([design, heat]), power, rcond=1e-10)
-    others = design[:, 1:]
-    common, *_ = np.linalg.lstsq(others, design[:, 0], rcond=1e-10)
-    free = float(np.var(design[:, 0] - others @ common))
-    if free < 1e-4 * float(np.var(design[:, 0])):
+    apart, *_ = solve(np.hstack([design, heat]), power)
+    free = float(1 / inverse[0, 0] / len(power))
+    if free < _FREE * np.var(shaft):
         free = 0.0  # τω goes with the other terms
-    error = float(np.sqrt(remainder / max(free, 1e-12) / len(power) * 20)) / scale[0]
+    least = 1e-12 * max(float(np.max(shaft**2)), 1e-24)
     return ShaftBalance(
-        float(found[0] / scale[0]),
-        error,
-        float(found[0]) ** 2 * free / spread,
-        1 - remainder / spread,
-        shaft,
+        float(slope),
+        float(np.sqrt(np.var(rest) / max(free, least) / len(power) * _ALIKE)),
+        float(slope) ** 2 * free / spread,
+        1 - float(np.var(rest)) / spread,
+        float(np.sqrt(np.mean(shaft**2))),
         float(np.sqrt(np.mean(power**2))),
-        float(apart[0] / scale[0]),
+        float(apart[0]),
+        float(np.mean(power - slope * shaft)),
     )
+
+
+@dataclass(frozen=True)
+class DriveSlopes:
+    """Slopes a of P = Σ(a·τω + b·τ² + c·|ω|) + d for D drives on one meter; NaN if unsure.
+
+    shares: of the variance of P. losses: as of `ShaftBalance`.
+    """
+
+    slopes: tuple[float, ...]
+    shares: tuple[float, ...]
+    losses: float
+
+
+def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes | None:
+    """Fit the balance of a robot's power [N, W] with terms of each drive; else `power_balance`."""
+    thin = slice(None, None, -(-len(power) // _ROWS) or 1)
+    power, torque, velocity = _known(power[thin], torque[thin], velocity[thin])
+    if len(power) < 10 * _ENOUGH:
+        return None
+    shaft, constant = torque * velocity, np.ones((len(power), 1))
+    design = np.hstack([shaft, torque**2, np.abs(velocity), constant])
+    slopes, inverse, rest = solve(design, power)
+    edges = np.linspace(0, len(power), _BLOCKS, endpoint=False, dtype=int)
+    pulls = np.add.reduceat(design * rest[:, None], edges) @ inverse
+    error = np.sqrt((pulls**2).sum(axis=0) + _ALIKE * np.var(rest) * np.diag(inverse))
+    free = 1 / np.diag(inverse) / len(power)
+    shares = slopes**2 * free / max(float(np.var(power)), 1e-12)
+    sure = (np.abs(slopes) > _CERTAIN * error) & (free > _FREE * np.var(design, axis=0))
+    drives = slice(torque.shape[1])
+    losses = float(np.mean(power - shaft @ slopes[drives]))
+    slopes, shares = (np.where(sure, each, np.nan)[drives].tolist() for each in (slopes, shares))
+    return DriveSlopes(tuple(slopes), tuple(shares), losses)
+
+
+def solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
+    """Fit power [N] by terms [N, K]: factors, inverse of the terms' products, and the rest [N]."""
+    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
+    terms = terms / scale
+    inverse = np.linalg.inv(terms.T @ terms + 1e-10 * len(power) * np.eye(len(scale)))
+    found = inverse @ (terms.T @ power)
+    return found / scale, inverse / np.outer(scale, scale), power - terms @ found
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
@@ -110,14 +151,11 @@ def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
 
     None for too few samples, or a power that does not vary.
     """
-    good = np.isfinite(power) & np.isfinite(torque) & np.isfinite(velocity)
-    power, torque, velocity = power[good], torque[good], velocity[good]
+    power, torque, velocity = _known(power, torque, velocity)
     if len(power) < 10 * _ENOUGH or not np.var(power) > 0:
         return None
-    design = np.stack([torque * velocity, torque**2, np.ones_like(power)], axis=1)
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    found, *_ = np.linalg.lstsq(design / scale, power, rcond=1e-10)
-    return 1 - float(np.var(power - design / scale @ found)) / float(np.var(power))
+    *_, rest = solve(np.hstack([torque * velocity, torque**2, np.ones_like(torque)]), power)
+    return 1 - float(np.var(rest)) / float(np.var(power))
 
 
 def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, float]:
@@ -143,6 +181,13 @@ def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, f
         for b in (-1, 1)
     ]
     return float((counts > 0).mean()), sum(q > 0.02 for q in quadrants) / 4
+
+
+def _known(power: Floats, torque: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the rows without NaN; torque and velocity as [N, D]."""
+    torque, velocity = (np.atleast_2d(each.T).T for each in (torque, velocity))
+    good = np.isfinite(power) & np.isfinite(torque + velocity).all(axis=1)
+    return power[good], torque[good], velocity[good]
 
 
 def _slope(x: Floats, y: Floats) -> Slope | None:

@@ -126,7 +126,9 @@ class BagWriter:
     RecordingError if it cannot be written.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool = False, flush_period: float = 0.5) -> None:
+    def __init__(
+        self, path: Path, *, overwrite: bool | None = None, flush_period: float = 0.5
+    ) -> None:
         if not 0 < flush_period <= 10:
             raise InputError(f'flush_period is {flush_period} s; it must be in (0, 10]')
         self.path = Path(path)
@@ -320,10 +322,10 @@ def staged(path: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def make_way(path: Path, overwrite: bool, *, remove: bool = True) -> None:
+def make_way(path: Path, overwrite: bool | None, *, remove: bool = True) -> None:
     """Remove a recording at `path` to replace it; without `remove`, only check that one may.
 
-    InputError if something is there that is no recording or, without `overwrite`, anything.
+    InputError if there is something but a recording or, unless `overwrite` (None: no option), any.
     """
     try:
         path.lstat()
@@ -333,9 +335,11 @@ def make_way(path: Path, overwrite: bool, *, remove: bool = True) -> None:
         raise RecordingError(f'cannot record to {path}: {advice(error)}') from error
     except ValueError as error:
         raise InputError(f'cannot record to {str(path)!r}: {error}') from error
+    recording = path.is_dir() and any(path.glob('*_0.mcap'))
     if not overwrite:
-        raise InputError(f'{path} exists already: choose another name or remove it')
-    if not path.is_dir() or not any(path.glob('*_0.mcap')):
+        other = ', or --overwrite' if recording and overwrite is False else ' or remove it'
+        raise InputError(f'{path} exists already: choose another name{other}')
+    if not recording:
         raise InputError(f'{path} is not a recording, so it is not replaced: choose another name')
     if remove:
         shutil.rmtree(path)

@@ -70,10 +70,12 @@ class LogSource(ABC):
         """Yield the rows of columns in blocks; `progress` is called with bytes read so far."""
 
 
-def first_rows(source: LogSource, columns: Sequence[LogColumn], enough: int) -> Iterator[LogBlock]:
+def first_rows(
+    blocks: Iterator[LogBlock], columns: Sequence[LogColumn], enough: int
+) -> Iterator[LogBlock]:
     """Yield blocks until each stream of the columns has `enough` rows or the log ends."""
     rows = {column.stream: 0 for column in columns}
-    for block in source.read([column.address for column in columns], lambda done: None):
+    for block in blocks:
         rows[block.stream] = rows.get(block.stream, 0) + len(block)
         yield block
         if min(rows.values()) >= enough:
@@ -86,7 +88,8 @@ def first_values(
     """Return up to `enough` first rows of numeric columns, [N] by address, in the log's units."""
     parts: dict[str, list[Floats]] = {}
     rows: Counter[str] = Counter()
-    for block in first_rows(source, columns, enough):
+    blocks = source.read([column.address for column in columns], lambda done: None)
+    for block in first_rows(blocks, columns, enough):
         for address, values in block.values.items():
             if values.dtype.kind != 'O' and rows[address] < enough:
                 parts.setdefault(address, []).append(values)
