@@ -110,7 +110,8 @@ class OfPlant:
             name: {**truth.coefficients, 'k': truth.coefficients[at]}
             for name, truth in found.drives.items()
         }
-        watts, apart = (hidden_watts(self.case, apart=one) for one in (False, True))
+        ways = (False, True) if self.case.hidden else ()
+        watts, apart = [hidden_watts(self.case, apart=one) for one in ways] or ({}, {})
         return Sealed(found.data, found.known, found.missing | wrong, coefficients, watts, apart)
 
 

@@ -144,6 +144,14 @@ def test_means_of_a_few_samples_are_reduced_as_all_of_them_are(rate, samples):
     thin = reducer.thin(slow[:, None])
     assert len(thin) == samples
     assert reducer.reduce_thin(thin)[:, 0] == pytest.approx(reducer.reduce(slow), abs=2e-3)
+    slow_meter = replace(reducer, window=0.5)
+    assert slow_meter.reduce_thin(slow_meter.thin(slow)) == pytest.approx(slow_meter.reduce(slow))
+
+
+def test_a_stretch_without_samples_adds_none():
+    reducer = Reducer(RATE, (slice(0, 4000), slice(5000, 5000))).sparse()
+    values = np.ones(5000)
+    assert reducer.reduce_thin(reducer.thin(values)) == pytest.approx(reducer.reduce(values))
 
 
 def test_sparse_rows_are_every_second_row_of_each_stretch():

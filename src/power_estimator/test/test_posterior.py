@@ -262,7 +262,7 @@ def test_a_robots_sets_are_searched_on_the_strongest_drives_of_each_type():
         for type_ in types
     ]
     assert representatives(meters) == (6, 9, 10, 11)  # the right hind leg, and the next strongest
-    assert representatives(meters[:4]) == (0, 1, 2, 3)
+    assert representatives(meters[:6]) == (0, 1, 2, 3, 4, 5)
 
 
 def test_the_discrepancy_by_cause_adds_up_the_features_of_each():

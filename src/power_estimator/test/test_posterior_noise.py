@@ -7,6 +7,7 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.signals.prepared import prepare
+from power_estimator.effects.signals.reducer import Reducer
 from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.noise import RowErrors, learned_errors
 from power_estimator.posterior.rates import with_quiet_rates
@@ -25,11 +26,22 @@ def test_a_block_that_fits_badly_counts_less():
     assert found.variance == pytest.approx((0.9 * 1.0 + 0.1 * 16.0 / 4.0), rel=1e-3)
 
 
-@pytest.mark.parametrize(('errors', 'lasting'), [([2.0, 2.0, 2.0], 4.0), ([2.0, -2.0, 2.0], -4.0)])
-def test_errors_last_that_are_those_of_the_next_row(errors, lasting):
+@pytest.mark.parametrize(
+    ('errors', 'overlap', 'lasting'),
+    [([2.0, 2.0, 2.0], 0.0, 4.0), ([2.0, 2.0, 2.0], 0.5, 4.0), ([2.0, 0.0, -2.0], 0.5, -4.0)],
+)
+def test_errors_last_that_are_those_of_the_next_row(errors, overlap, lasting):
+    """Of errors of 4 W², white ones have overlap·4 W² in common with the next row's."""
     found = RowErrors(4.0, np.array(errors), np.ones(3), 1.0)
-    assert found.lasting(np.array([0, 1, 2])) == lasting
-    assert found.lasting(np.array([0, 2, 4])) == 4.0  # no two rows are next to each other
+    assert found.lasting(np.array([0, 1, 2]), overlap) == pytest.approx(lasting)
+    assert found.lasting(np.array([0, 2, 4]), overlap) == 4.0  # no two rows are neighbours
+
+
+@pytest.mark.parametrize('rate', [400.0, 125.0, 80.0])
+def test_white_noise_in_next_rows_has_the_correlation_of_the_low_pass(rate):
+    reducer = Reducer(rate, (slice(0, 100_000),)).sparse()
+    rows = reducer.reduce(np.random.default_rng(0).normal(size=100_000))
+    assert np.corrcoef(rows[:-1], rows[1:])[0, 1] == pytest.approx(reducer.overlap, abs=0.03)
 
 
 def test_evidence_counts_less_by_what_the_errors_scatter_along_an_effect():
@@ -44,16 +56,20 @@ def test_evidence_counts_less_by_what_the_errors_scatter_along_an_effect():
     noise = meter.noise
     assert noise is not None
     white = np.random.default_rng(0).normal(size=len(noise.rows)) / noise.root[:, 0]
-    meter.noise = replace(noise, left=white)
-    squares, expected = meter.scatter(columns, slice(0, 1), np.ones(1))
-    assert squares == pytest.approx(expected, rel=0.8)
-    meter.noise = replace(noise, left=3.0 * white)
-    assert meter.scatter(columns, slice(0, 1), np.ones(1)) == pytest.approx(
-        [9 * squares, expected]
-    )
+    copper = columns.effects[noise.rows, 0]
+    loud = np.where(copper > np.quantile(copper, 0.9), 3.0, 0.3)  # nearly as large together
+
+    def ratio(errors):
+        meter.noise = replace(noise, left=errors)
+        squares, expected = meter.scatter(columns, slice(0, 1), np.ones(1))
+        return squares / expected
+
+    assert 0.5 < ratio(white) < 1.7
+    assert ratio(loud * white) > 1.5 * ratio(white)
 
 
 def test_log_odds_come_closer_to_those_before_by_the_scatter():
     one = np.ones(1)
     odds = Apart(4.0 * one, 2.0).odds(-1.0, 9.0, one)
     assert (odds.before, odds.after, odds.ratio) == (-1.0, 4.0, 4.0)
+    assert Apart(4.0 * one, 2.0).odds(-1.0, -9.0, one).after == -9.0  # against it: whole

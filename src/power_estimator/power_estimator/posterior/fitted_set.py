@@ -138,7 +138,10 @@ def fit_set(
             here = values_of(point, actives)
             logs = np.array([cell.at(here / columns.watts) for cell in found])
             evidence = float(logsumexp(logs) - np.log(count))
-            stale = stale + 1 if best and evidence < best.evidence + _SETTLED else 0
+            if best is None or evidence >= best.evidence + _SETTLED:
+                stale = 0
+            elif evidence < last + _SETTLED:  # on a half step back up it may still rise
+                stale += 1
             if best is None or evidence > best.evidence:
                 best = FittedSet(evidence, point, place)
             settled = abs(evidence - last) < _SETTLED or stale == _STALE

@@ -22,8 +22,9 @@ from power_estimator.posterior.departures import Departures, Point
 from power_estimator.posterior.discrepancy import Features, smooth_features
 from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.gaussian import NormalEquations, Standing, Weighed, marginalised
-from power_estimator.posterior.noise import learned_errors
+from power_estimator.posterior.noise import DEGREES, learned_errors
 from power_estimator.posterior.priors import (
+    ALL_SEARCHED,
     BAD_CABLE,
     BLOCK,
     DEPARTING,
@@ -192,7 +193,8 @@ class MeterProblem:
         spike = SPIKE / np.sqrt([counts[terms[i].name] for i in new])
         absent = columns.effects[:, new][rows] * (spike * root)
         standing = Standing.of(self._general_w[rows] * root, power * root, absent)
-        lasting = found.variance if self.prepared.steady else found.lasting(rows)
+        overlap = self.prepared.reducer.overlap
+        lasting = found.variance if self.prepared.steady else found.lasting(rows, overlap)
         starts = np.cumsum([0, *(len(block) for block in blocks[:-1])])
         keys = [terms[i].key for i in new]
         self.noise = Noise(found.variance, lasting, rows, starts, found.left, root, keys, standing)
@@ -201,7 +203,8 @@ class MeterProblem:
         """Squares of an effect's score, by blocks and as the noise has them, W⁰ [2].
 
         values: of the effect. Where errors are larger just when it draws power, such as at a
-        foot's landing, the first are larger than the second.
+        foot's landing, the first are larger than the second. Of few blocks they are taken to be
+        alike, by DEGREES blocks more.
         """
         assert self.noise is not None
         rows, root = self.noise.rows, self.noise.root
@@ -212,7 +215,9 @@ class MeterProblem:
         taken = np.linalg.solve(rest.T @ rest + np.eye(rest.shape[1]), rest.T @ own)
         apart = own - rest @ taken
         scores = np.add.reduceat(apart * self.noise.left * root[:, 0], self.noise.starts)
-        return np.array([scores @ scores, apart @ apart])
+        expected = float(apart @ apart)
+        usual = expected * DEGREES / len(scores)
+        return np.array([scores @ scores + usual, expected + usual])
 
     def _all_columns(self, columns: EffectColumns) -> tuple[Floats, Floats]:
         """Columns of effects, nuisances and the discrepancy [N, k], with prior spreads [k]."""
@@ -273,11 +278,11 @@ def meter_problems(
 
 
 def representatives(meters: Sequence[MeterProblem]) -> tuple[int, ...]:
-    """Choose the meters that sets are searched on: all of a few, of many SEARCHED.
+    """Choose the meters that sets are searched on: up to ALL_SEARCHED all, of more SEARCHED.
 
     The largest power of each type of drive goes first, then the second largest, and so on.
     """
-    if len(meters) <= SEARCHED:
+    if len(meters) <= ALL_SEARCHED:
         return tuple(range(len(meters)))
     names = [meter.signals.names[0] for meter in meters]
     ranked = [

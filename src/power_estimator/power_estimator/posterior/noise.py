@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
 
 _ROUNDS: Final = 3  # of a fit and the weights by its errors
-_DEGREES: Final = 4.0  # of freedom of Student's t, by which blocks count
+DEGREES: Final = 4.0  # of freedom of Student's t, by which blocks count
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,16 @@ class RowErrors:
     weights: Floats  # [K], 1 at most
     tempering: float  # variance of the effects' scores over blocks, over that of single rows
 
-    def lasting(self, rows: NDArray[np.intp]) -> float:
-        """W² of the errors with those of the next row; rows: places [K] of these."""
+    def lasting(self, rows: NDArray[np.intp], overlap: float) -> float:
+        """W² of the errors that last from a row to the next; rows: places [K] of these.
+
+        overlap: correlation of white noise in the two.
+        """
         pairs = np.flatnonzero(np.diff(rows) == 1)
+        if not len(pairs):
+            return self.variance
         products = self.weights[pairs] * self.left[pairs] * self.left[pairs + 1]
-        return float(products.mean()) if len(pairs) else self.variance
+        return float(products.mean() - overlap * self.variance) / max(1.0 - overlap, 1e-3)
 
 
 def learned_errors(
@@ -51,7 +56,7 @@ def learned_errors(
             left = power - columns @ x
             variance = max(float(weights @ left**2 / len(power)), least)
         errors = np.array([np.mean(left[b] ** 2) for b in blocks])
-        share = (_DEGREES + 1.0) / (_DEGREES + errors / np.median(errors))
+        share = (DEGREES + 1.0) / (DEGREES + errors / np.median(errors))
         share /= share.max()
     scores = np.stack([(weights[b] * left[b]) @ columns[b] for b in blocks]) / variance
     inverse = np.linalg.inv(gram / variance + prior)

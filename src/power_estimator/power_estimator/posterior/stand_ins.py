@@ -52,10 +52,13 @@ class Apart:
     scatter: float  # variance of its score over blocks, over that of the noise; 1 at least
 
     def odds(self, before: float, after: float, left: Floats) -> LogOdds:
-        """Log odds whose evidence counts by this part; left: discrepancy in W rms by meter [M]."""
-        return LogOdds(
-            before, before + (after - before) / self.scatter, ratio_of(self.watts, left)
-        )
+        """Log odds whose evidence counts by this part; against the effect it counts whole.
+
+        left: discrepancy in W rms by meter [M].
+        """
+        gain = after - before
+        counts = gain / self.scatter if gain > 0.0 else gain
+        return LogOdds(before, before + counts, ratio_of(self.watts, left))
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,8 @@ class Finding:
 
 _OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
 _TOLERANCE: Final = 0.12
-_THOUSAND: Final = 3.0  # times off which a slope of power may be to be one of milli
+_THOUSAND: Final = 1.6  # times off which a slope of power may be to be one of milli: losses
+_FED: Final = -0.1  # of the power (rms), losses below which no offset of a meter explains
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
@@ -115,7 +116,7 @@ def power_finding(
     if decided and slope < -margin:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'
         whose, mend = 'a', _TURNED
-        if balance.losses < 0:
+        if balance.losses < _FED * balance.power:
             text += f', and the losses would be {balance.losses:.3g} W'
             whose, mend = "the meter's", card.turned_meter(drive)
         return Finding('power_units', 'error', drive, f'{text}: {whose} sign is wrong', mend)

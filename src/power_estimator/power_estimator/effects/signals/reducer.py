@@ -71,7 +71,7 @@ class Reducer:
             return values
         parts = []
         for part in self.slices:
-            count = (part.stop - part.start - 1) // self._stride
+            count = max(0, part.stop - part.start - 1) // self._stride
             own = values[part.start + 1 :][: count * self._stride]
             parts.append(own.reshape(count, self._stride, *values.shape[1:]).mean(axis=1))
         return np.concatenate(parts)
@@ -81,7 +81,7 @@ class Reducer:
         stride = self._stride
         if self.steady or stride == 1:
             return self.reduce(values)
-        counts = [(part.stop - part.start - 1) // stride for part in self.slices]
+        counts = [max(0, part.stop - part.start - 1) // stride for part in self.slices]
         ends = itertools.accumulate(counts, initial=0)
         slices = [slice(start, stop) for start, stop in itertools.pairwise(ends)]
         return self._by_stretch(values, slices, self._thin_taps, self.factor // stride)
@@ -94,7 +94,7 @@ class Reducer:
 
     @cached_property
     def _stride(self) -> int:
-        most = max(1, int(self.rate / _FINE))
+        most = 1 if self.window else max(1, int(self.rate / _FINE))
         return max(n for n in range(1, most + 1) if self.factor % n == 0)
 
     def _by_stretch(
@@ -111,6 +111,14 @@ class Reducer:
             for part, place in zip(np.split(reduced, len(places)), places, strict=True):
                 out[:, stretches[place]] = part
         return out.T.reshape(out.shape[1], *values.shape[1:])
+
+    @cached_property
+    def overlap(self) -> float:
+        """Correlation of white noise in a row with that in the next."""
+        if self.steady:
+            return 0.0
+        taps = self._taps(0.0)
+        return float(taps[self.factor :] @ taps[: -self.factor] / (taps @ taps))
 
     @cached_property
     def _alike(self) -> list[list[int]]:
