@@ -83,6 +83,7 @@ class EffectSearch:
         self._begin()
         self._plain = self.made, {m: self.normals_of(m) for m in range(len(self.meters))}
         visited: set[Chosen] = set()
+        gained = 0.0
         for _ in range(STEPS):
             visited.add(chosen)
             self._move(chosen)
@@ -93,9 +94,14 @@ class EffectSearch:
                 best = self._pruned(chosen)
             if best == chosen:
                 best = self._with_two(chosen, here)
-            if best in visited:  # this one, or one that the noise of another led away from
+            gain = self.score(best) - here
+            if best in visited:
+                # This one, or one that was left beside another noise: the larger gain counts.
+                if gain > gained:
+                    chosen = best
+                    self._move(chosen)
                 break
-            chosen = best
+            chosen, gained = best, gain
         else:
             self._move(chosen)
         self.score(tuple(i for i in chosen if self.names[i] in self.known))
