@@ -89,7 +89,7 @@ class Reducer:
     @cached_property
     def _thin_taps(self) -> Floats:
         stride, half = self._stride, self.margin - 1
-        places = np.arange(2 * half // stride) * stride + 0.5 * (stride - 1)
+        places = stride * np.arange(2 * half // stride, dtype=np.float64) + 0.5 * (stride - 1)
         return _low_pass((places - half) / self.rate, self.window)[::-1]
 
     @cached_property
