@@ -110,8 +110,7 @@ class OfPlant:
             name: {**truth.coefficients, 'k': truth.coefficients[at]}
             for name, truth in found.drives.items()
         }
-        ways = (False, True) if self.case.hidden else ()
-        watts, apart = [hidden_watts(self.case, apart=one) for one in ways] or ({}, {})
+        watts, apart = (hidden_watts(self.case, apart=one) for one in (False, True))
         return Sealed(found.data, found.known, found.missing | wrong, coefficients, watts, apart)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,21 +100,38 @@ def hidden_watts(case: Case, *, apart: bool = False) -> dict[str, float]:
 
     apart: only what the true power of the known effects, each times any factor, cannot take over.
     """
+    changes, known = _changes(case)
+    if apart:
+        changes = {name: _left(changed, known) for name, changed in changes.items()}
+    return {name: float(np.sqrt(np.square(changed).mean())) for name, changed in changes.items()}
+
+
+@lru_cache(maxsize=1)
+def _changes(case: Case) -> tuple[dict[str, Floats], Floats]:
+    """W by which each hidden effect changes the power [P, D], and known effects' [P, D, n]."""
+    if not case.hidden:
+        return {}, np.empty((0, case.drives, 0))
     plant = draw(case)
     made = simulate(case, plant)
-    known = [PARTS.index(name) for name in PARTS if name in plant.judged - {*case.hidden}]
-    known = [PARTS.index('shaft'), *known] if apart else []
-    sizes = {}
+    changes = {}
     for name in case.hidden:
         if name == 'cross_talk':
-            changed = made.power * [drive.cross_talk for drive in plant.drives]
+            changes[name] = made.power * [drive.cross_talk for drive in plant.drives]
         else:
-            changed = made.power - simulate(case, plant.only(plant.exists - {name})).power
-        for d in range(len(plant.drives)):
-            parts = made.parts[:, d, known].astype(np.float64)
-            changed[:, d] -= parts @ np.linalg.lstsq(parts, changed[:, d], rcond=None)[0]
-        sizes[name] = float(np.sqrt(np.square(changed).mean()))
-    return sizes
+            without = simulate(case, plant.only(plant.exists - {name})).power
+            changes[name] = np.asarray(made.power - without, np.float64)
+    of_model = {'shaft', *plant.judged} - {*case.hidden}
+    known = [place for place, name in enumerate(PARTS) if name in of_model]
+    return changes, made.parts[..., known].astype(np.float64)
+
+
+def _left(changed: Floats, known: Floats) -> Floats:
+    """What factors of the known effects' power [P, D, n] leave of a change [P, D]."""
+    left = np.empty_like(changed)
+    for d in range(changed.shape[1]):
+        factors = np.linalg.lstsq(known[:, d], changed[:, d], rcond=None)[0]
+        left[:, d] = changed[:, d] - known[:, d] @ factors
+    return left
 
 
 def draw(case: Case) -> TruePlant:

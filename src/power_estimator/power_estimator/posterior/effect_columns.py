@@ -34,6 +34,10 @@ class EffectColumns:
             start = stop
         raise KeyError(active.name)
 
+    def beside_gain(self, places: slice | NDArray[np.intp] = slice(None)) -> Floats:
+        """Columns of effects at places, and what the meter's gain changes [N, n + 1]."""
+        return np.concatenate([self.effects[:, places], self.constant[:, None]], axis=1)
+
     def places_of(self, names: Sequence[str]) -> NDArray[np.intp]:
         """Columns of effects by name."""
         owners = [active.name for active in self.actives for _ in active.effect.terms]
@@ -49,8 +53,7 @@ def apart(
     """
     taken = columns.places_of(names)
     taken = taken[(taken < places.start) | (taken >= places.stop)]
-    base = np.concatenate([columns.effects[:, taken], columns.constant[:, None]], axis=1)
-    return less(columns.effects[:, places], base, used)
+    return less(columns.effects[:, places], columns.beside_gain(taken), used)
 
 
 def explained(

@@ -200,11 +200,11 @@ class MeterProblem:
         self.noise = Noise(found.variance, lasting, rows, starts, found.left, root, keys, standing)
 
     def scatter(self, columns: EffectColumns, places: slice, values: Floats) -> Floats:
-        """Squares of an effect's score, by blocks and as the noise has them, W⁰ [2].
+        """Squares of an effect's score [2]: summed by blocks, and as the noise lets expect.
 
         values: of the effect. Where errors are larger just when it draws power, such as at a
-        foot's landing, the first are larger than the second. Of few blocks they are taken to be
-        alike, by DEGREES blocks more.
+        foot's landing, the first is larger than the second. DEGREES blocks in which they are alike
+        are added, so that a few blocks say little.
         """
         assert self.noise is not None
         rows, root = self.noise.rows, self.noise.root

@@ -80,13 +80,15 @@ def summarised(
     departures = columns.nuisance[:, len(SENSORS) :] * mean[count:][len(SENSORS) :]
     smooth = meter.smooth(columns, best.normal, mean, place)
     parts = np.concatenate([departures, smooth], axis=1)[meter.used]
-    together = parts.sum(axis=1)
-    every = np.concatenate([columns.effects, columns.constant[:, None]], axis=1)[meter.used]
-    size = rms(less(together[:, None], every, np.ones(len(parts), dtype=bool)))
-    # Known effects and the meter's gain are free: what they take, the discrepancy gives back.
-    free = columns.effects[:, columns.places_of(known)]
-    free = np.concatenate([free, columns.constant[:, None]], axis=1)[meter.used]
-    left = rms(less(together[:, None], free, np.ones(len(parts), dtype=bool)))
+
+    def beside(free: Floats) -> float:
+        """W rms of the parts that free columns cannot take over."""
+        together = parts.sum(axis=1, keepdims=True)
+        return rms(less(together, free[meter.used], np.ones(len(parts), dtype=bool)))
+
+    # Effects and the meter's gain are free: what they take, the discrepancy gives back.
+    size = beside(columns.beside_gain())
+    left = beside(columns.beside_gain(columns.places_of(known)))
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
     if meter.noise and of_meter < noise:

@@ -36,7 +36,8 @@ class Finding:
 
 _OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
 _TOLERANCE: Final = 0.12
-_THOUSAND: Final = 1.6  # times off which a slope of power may be to be one of milli: losses
+_MILLI: Final = (1e3, 1e-3)  # slopes of power by mA or mN·m
+_WIDE: Final = 1.6  # times by which losses may take a slope off these
 _FED: Final = -0.1  # of the power (rms), losses below which no offset of a meter explains
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
@@ -110,7 +111,7 @@ def power_finding(
     if (geared := _gear_finding(drive, balance, ratio, agree)) is not None:
         return geared
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
-    meaning, mend = _meaning(slope, _OF_POWER)
+    meaning, mend = _meaning(slope, _OF_POWER, _MILLI)
     if not drive and mend.startswith('current'):
         mend = f'supply: {{{mend}}}'
     if decided and slope < -margin:
@@ -147,9 +148,11 @@ def power_finding(
 
 def drive_findings(names: Sequence[str], found: DriveSlopes) -> list[Finding]:
     """Return the drives on a common meter whose own slope shows a sign or unit to be wrong."""
-    result = []
-    for drive, slope in zip(names, found.slopes if found.losses > 0 else (), strict=False):
-        meaning, mend = _meaning(slope, {1e-3: _OF_POWER[1e-3]})
+    result: list[Finding] = []
+    if not found.losses > 0:
+        return result
+    for drive, slope in zip(names, found.slopes, strict=True):
+        meaning, mend = _meaning(slope, {1e-3: _OF_POWER[1e-3]}, _MILLI)
         if slope < -_SCALES[0]:
             meaning, mend = 'a sign is wrong', _TURNED
         if meaning:
@@ -167,7 +170,7 @@ def _gear_finding(drive: str, balance: ShaftBalance, ratio: float, agree: bool) 
     size = max(ratio, 1 / ratio)
     if not (size > _GEARED and balance.share > _HINTED and 2 * balance.error < _SHARP * slope):
         return None
-    meaning, _ = _meaning(slope, _OF_POWER)
+    meaning, _ = _meaning(slope, _OF_POWER, _MILLI)
     text = f'power grows by {slope:.3g} W with each W of torque × speed, near '
     other = f', or {meaning}' if meaning else ''
     if _USUAL[0] < slope / ratio < _USUAL[1]:
@@ -211,11 +214,16 @@ def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
     return tuple(f for f in findings if not steady or f.code not in _OF_TIME)
 
 
-def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:
-    """Return what the factor nearest to a slope means, empty texts where none is near."""
+def _meaning(
+    slope: float, known: Mapping[float, tuple[str, str]], wide: Sequence[float] = ()
+) -> tuple[str, str]:
+    """Return what the factor nearest to a slope means, empty texts where none is near.
+
+    wide: factors from which losses may take the slope far.
+    """
     factor = min(known, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
-    off, wide = slope / factor, known is not _OF_VELOCITY and factor in (1e3, 1e-3)
-    near = 1 / _THOUSAND < off < _THOUSAND if wide else abs(off - 1) < _TOLERANCE
+    off = slope / factor
+    near = 1 / _WIDE < off < _WIDE if factor in wide else abs(off - 1) < _TOLERANCE
     return known[factor] if near else ('', '')
 
 

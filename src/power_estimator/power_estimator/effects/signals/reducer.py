@@ -67,33 +67,36 @@ class Reducer:
 
     def thin(self, values: Floats) -> Floats:
         """Return means [K, …] of a few samples of a signal [T, …], _FINE a second or more."""
-        if self.steady or self._stride == 1:
+        if self._stride == 1:
             return values
         parts = []
-        for part in self.slices:
-            count = max(0, part.stop - part.start - 1) // self._stride
+        for part, count in zip(self.slices, self._thin_counts, strict=True):
             own = values[part.start + 1 :][: count * self._stride]
             parts.append(own.reshape(count, self._stride, *values.shape[1:]).mean(axis=1))
         return np.concatenate(parts)
 
     def reduce_thin(self, values: Floats) -> Floats:
         """Return a thinned signal [K, …] low-passed and decimated to [N, …] as by `reduce`."""
-        stride = self._stride
-        if self.steady or stride == 1:
+        if self._stride == 1:
             return self.reduce(values)
-        counts = [max(0, part.stop - part.start - 1) // stride for part in self.slices]
-        ends = itertools.accumulate(counts, initial=0)
+        ends = itertools.accumulate(self._thin_counts, initial=0)
         slices = [slice(start, stop) for start, stop in itertools.pairwise(ends)]
-        return self._by_stretch(values, slices, self._thin_taps, self.factor // stride)
+        return self._by_stretch(values, slices, self._thin_taps, self.factor // self._stride)
+
+    @cached_property
+    def _thin_counts(self) -> list[int]:
+        """Number of means of each stretch, whose first sample has no place in the filter."""
+        return [max(0, part.stop - part.start - 1) // self._stride for part in self.slices]
 
     @cached_property
     def _thin_taps(self) -> Floats:
         stride, half = self._stride, self.margin - 1
         places = stride * np.arange(2 * half // stride, dtype=np.float64) + 0.5 * (stride - 1)
-        return _low_pass((places - half) / self.rate, self.window)[::-1]
+        return windowed_sinc((places - half) / self.rate, CUTOFF, HALF_WIDTH, _BETA)[::-1]
 
     @cached_property
     def _stride(self) -> int:
+        """Samples in a mean; 1 of operating points, and where a window already takes the mean."""
         most = 1 if self.window else max(1, int(self.rate / _FINE))
         return max(n for n in range(1, most + 1) if self.factor % n == 0)
 
@@ -154,15 +157,11 @@ class Reducer:
 @lru_cache(64)
 def _filter(half: int, rate: float, window: float, shift: float) -> Floats:
     """Coefficients of the low-pass at a delay, newest sample first; not to be changed."""
-    return _low_pass(np.arange(-half, half + 1) / rate - shift, window)[::-1]
-
-
-def _low_pass(time: Floats, window: float) -> Floats:
-    """Weights of samples at times (s) about an output."""
+    time = np.arange(-half, half + 1) / rate - shift
     if window:
         inside = np.abs(time) <= window / 2
-        return np.asarray(inside / inside.sum(), np.float64)
-    return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)
+        return np.asarray(inside / inside.sum(), np.float64)[::-1]
+    return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)[::-1]
 
 
 def _by_time(values: Floats | Singles) -> Floats:
