@@ -67,13 +67,14 @@ class Recorded:
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Effects of the base model."""
-        return ('shaft', *sorted(self.plant.judged - {*self.case.hidden}))
+        """Effects of the base model; it heats a winding by a temperature that is measured."""
+        return ('shaft', *sorted(self.plant.judged - self.missing))
 
     @property
     def missing(self) -> frozenset[str]:
         """Effects of the catalogue that a perfect diagnosis names."""
-        return self.plant.judged & {*self.case.hidden}
+        unmeasured = set() if self.plant.sampling.temperature else {'winding_heating'}
+        return self.plant.judged & {*self.case.hidden, *unmeasured}
 
 
 def record(case: Case) -> Recorded:

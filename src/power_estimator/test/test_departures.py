@@ -7,6 +7,7 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.signals.reducer import Reducer
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.posterior.departures import Departures
 
 EFFECTS = builtin_catalogue()
@@ -21,6 +22,7 @@ def signals(cost=0.0):
     return SimpleNamespace(
         time=TIME,
         steady=False,
+        scale=DriveScale.reference(1),
         velocity=SPEED[:, None],
         torque=TORQUE[:, None],
         motor_velocity=SPEED[:, None],

@@ -20,6 +20,7 @@ Point = Mapping[str, tuple[Active, Floats]]
 _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
+_NARROW: Final = 5.0  # times, by which friction's sign may turn faster than its formula's
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
 
 
@@ -67,10 +68,13 @@ class Departures:
         return Departed(reduced, tuple(causes), at_one, bent, tuple(bent_causes))
 
     def _bent(self, powers: Mapping[str, Floats]) -> tuple[Floats, list[str]]:
-        """Smooth departures of friction, copper loss and the shaft's power [N, b], with causes."""
+        """Smooth departures of drag, copper loss and the shaft's power [N, b], with causes.
+
+        Iron loss departs as friction does: else the stiffer of the two would be named for it.
+        """
         bent, causes = [], []
         for kinds, bends, share in (
-            (('friction', 'viscous'), self._bends, 1.0),
+            (('friction', 'viscous', 'iron'), self._bends, 1.0),
             (('copper',), self._bends_by_load, 1.0),
             (('shaft',), self._bends_by_torque, _SHAFT),
         ):
@@ -114,6 +118,7 @@ class Departures:
         direction = np.tanh(s.velocity / (_TOWARDS_ZERO * fast))
         side = np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong))
         load = np.arcsinh(np.abs(s.torque) / strong)
+        slow = np.abs(s.velocity) / s.scale.standstill + 1e-9
         span = max(float(np.ptp(s.time)), 1e-9)
         time = 2 * (s.time - s.time.mean()) / span
         return {
@@ -125,6 +130,7 @@ class Departures:
             'time': np.broadcast_to(time[:, None] * (not s.steady), load.shape),
             'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
+            'turn': np.tanh(_NARROW * slow) / np.tanh(slow) - 1.0,
         }
 
     @cached_property

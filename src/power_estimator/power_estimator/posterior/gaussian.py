@@ -161,6 +161,11 @@ class Weighed:
         precision = inner[count:, count:] + np.diag(normal.spread**-2.0)
         return np.asarray(np.linalg.solve(precision, moments - inner[count:, :count] @ mean))
 
+    def covariance(self, spread: Floats) -> Floats:
+        """Posterior covariance of columns, then turned features, with prior spreads [m + a]."""
+        inner = np.block([[self.gram, self.cross.T], [self.cross, np.diag(self.values)]])
+        return np.asarray(np.linalg.inv(inner + np.diag(spread**-2.0)))
+
 
 def marginalised(
     weighed: Weighed, groups: tuple[int, int], sizes: tuple[Floats, Floats]

@@ -251,18 +251,34 @@ class MeterProblem:
         groups = columns.bent.shape[1], len(columns.absent_places)
         return marginalised(self.weighed(columns), groups, (DISCREPANCY, DEPARTING))
 
-    def smooth(
-        self, columns: EffectColumns, normal: NormalEquations, mean: Floats, place: int
-    ) -> Floats:
-        """Watts of the discrepancy's features and of bent columns [N, a + b].
+    def departing(
+        self,
+        columns: EffectColumns,
+        normal: NormalEquations,
+        sizes: Floats,
+        mean: Floats,
+        place: int,
+    ) -> tuple[Floats, Floats, Floats]:
+        """Columns of departures, of the discrepancy and bent ones [N, k], as `columns.causes`.
 
-        mean: of effects and nuisances [n + z].
+        Beside them the mean and covariance of their weights. sizes, mean: prior spreads and
+        posterior mean of effects and nuisances [n + z].
         """
         assert self.noise is not None
-        weights = self.weighed(columns).smooth(normal, mean, place)
-        bent, absent = columns.bent.shape[1], len(columns.absent_places)
-        general = self.noise.standing.turn @ weights[bent + absent :]
-        return np.concatenate([self._general_w * general, columns.bent * weights[:bent]], axis=1)
+        weighed, turn = self.weighed(columns), self.noise.standing.turn
+        covariance = weighed.covariance(np.concatenate([sizes, normal.spread]))
+        formed = np.arange(columns.effects.shape[1] + len(SENSORS), len(mean))
+        bent = len(mean) + np.arange(columns.bent.shape[1])
+        general = np.arange(len(covariance) - len(turn), len(covariance))
+        order = np.concatenate([formed, general, bent])
+        weights = np.concatenate([mean, weighed.smooth(normal, mean, place)])[order]
+        covariance = covariance[np.ix_(order, order)]
+        turned = slice(len(formed), len(formed) + len(general))
+        weights[turned] = turn @ weights[turned]
+        covariance[turned] = turn @ covariance[turned]
+        covariance[:, turned] = covariance[:, turned] @ turn.T
+        parts = columns.nuisance[:, len(SENSORS) :], self._general_w, columns.bent
+        return np.concatenate(parts, axis=1), weights, covariance
 
 
 def meter_problems(

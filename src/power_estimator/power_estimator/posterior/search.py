@@ -15,14 +15,7 @@ from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import MeterProblem, Point, representatives
 from power_estimator.posterior.odds import has_wholes, prior_of
-from power_estimator.posterior.priors import (
-    ALIKE,
-    KNOWN_SIZE,
-    PAIRS,
-    STEPS,
-    TRIED,
-    WORTH,
-)
+from power_estimator.posterior.priors import ALIKE, KNOWN_SIZE, PAIRS, SHARES, STEPS, TRIED, WORTH
 
 Chosen = tuple[int, ...]
 _NEVER = -1e4  # nats
@@ -88,8 +81,7 @@ class EffectSearch:
             visited.add(chosen)
             self._move(chosen)
             here = self.score(chosen)
-            tried = (*self._promising(chosen), chosen)
-            score, best = max((self.score(each), each) for each in tried)
+            score, best = self._best((*self._promising(chosen), chosen))
             if score < here + WORTH:
                 best = self._pruned(chosen)
             if best == chosen:
@@ -116,8 +108,13 @@ class EffectSearch:
         ]
         screened = self.screened(pairs, chosen)
         likely = sorted(pairs, key=lambda each: -screened[each])[:PAIRS]
-        score, best = max(((self.score(each), each) for each in likely), default=(here, chosen))
+        score, best = self._best((*likely, chosen))
         return best if score >= here + WORTH else chosen
+
+    def _best(self, sets: Sequence[Chosen]) -> tuple[float, Chosen]:
+        """Best of some sets, each at its own point, and its log posterior."""
+        self.fit(sets)
+        return max((self.score(each), each) for each in sets)
 
     def _pruned(self, chosen: Chosen) -> Chosen:
         """Take out effects without which a set is as good, fitted without each of them."""
@@ -125,7 +122,7 @@ class EffectSearch:
             fewer = [tuple(i for i in chosen if i != j) for j in self.new_in(chosen)]
             if not fewer:
                 return chosen
-            score, best = max((self.score(each), each) for each in fewer)
+            score, best = self._best(fewer)
             if score < self.score(chosen):
                 return chosen
             chosen = best
@@ -136,9 +133,8 @@ class EffectSearch:
         known = dict(zip(self.searched, (one.point for one in self.at(chosen)), strict=True))
 
         def point(d: int) -> Point:
-            if d in known:
-                return known[d]
-            return settle(self.problems[d], own, self.actives, self.known)
+            meter = self.problems[d]
+            return known[d] if d in known else settle(meter, own, self.actives, self.known)
 
         return for_each(point, range(len(self.problems)))
 
@@ -178,6 +174,8 @@ class EffectSearch:
         own = self.names_of(chosen)
         if not self.underneath and not has_wholes([self.actives[i] for i in chosen]):
             return _NEVER
+        if len(self.problems) == 1 and SHARES.keys() <= own - {*self.known}:
+            return _NEVER  # of one drive they are one: blocked is all that is lost
         total = 0.0
         for name in set(self.names) - set(self.known):
             chance = self.prior[name]
@@ -188,13 +186,19 @@ class EffectSearch:
 
     def at(self, chosen: Chosen) -> list[FittedSet]:
         """Return a set fitted to each meter."""
-        key = tuple(sorted(chosen))
-        if key not in self.judged:
-            own = [self.actives[i] for i in key]
-            self.judged[key] = for_each(lambda m: self._fitted(m, own), range(len(self.meters)))
-            self._fits += 1
+        self.fit([chosen])
+        return self.judged[tuple(sorted(chosen))]
+
+    def fit(self, sets: Sequence[Chosen]) -> None:
+        """Fit sets to each meter, two at a time, which share threads evenly."""
+        every, count = dict.fromkeys(tuple(sorted(each)) for each in sets), len(self.meters)
+        new = [key for key in every if key not in self.judged]
+        for two in (new[start : start + 2] for start in range(0, len(new), 2)):
+            tasks = [(m, [self.actives[i] for i in key]) for key in two for m in range(count)]
+            found = for_each(lambda task: self._fitted(*task), tasks)
+            self.judged |= {key: found[k * count : (k + 1) * count] for k, key in enumerate(two)}
+            self._fits += len(two)
             self._show(f'{self._fits} sets of effects are fitted')
-        return self.judged[key]
 
     def _fitted(self, m: int, actives: Sequence[Active]) -> FittedSet:
         """Return a set fitted to a meter, from two starts where the current point may be far off.
@@ -282,7 +286,7 @@ class EffectSearch:
 
         Beside these come the best of the problem without departures, and with the least of them:
         they take over what is left of a friction that stands in for another, or a large effect.
-        And the best other shape of a known effect.
+        And the best other shape of a known effect, and the twins of them all.
         """
         tried: list[Chosen] = []
         for how in _SCREENINGS:
@@ -290,12 +294,21 @@ class EffectSearch:
             new = [each for each in best if self._new_name(each, chosen) not in self.known]
             tried += new[:TRIED]
             tried += [each for each in best if each not in new][:1] if how == 'here' else []
-        return list(dict.fromkeys(tried))
+        return list(dict.fromkeys(tried + [twin for each in tried for twin in self._twins(each)]))
+
+    def _twins(self, each: Chosen) -> list[Chosen]:
+        """Sets with the other of SHARES in place of one: which it is, their own points tell."""
+        return [
+            other
+            for i in self.new_in(each)
+            if self.names[i] in SHARES
+            for other in self.swaps(each, i)
+            if self._new_name(other, each) in SHARES
+        ]
 
     def _best_of(self, chosen: Chosen, how: str) -> list[Chosen]:
         """Best neighbour of each kind of step as screened, the best kind first."""
-        have = self.names_of(chosen)
-        best: dict[object, tuple[float, Chosen]] = {}
+        have, best = self.names_of(chosen), dict[object, tuple[float, Chosen]]()
         for each, score in self.screened(self._neighbours(chosen), chosen, how).items():
             new, grown = self._new_name(each, chosen), len(each) > len(chosen)
             kind = (new, new in have if grown or new in have else each if not new else None)
@@ -331,11 +344,9 @@ class EffectSearch:
 
     def swaps(self, chosen: Chosen, place: int) -> list[Chosen]:
         """Sets with another effect in the place of one."""
-        have = self.names_of(chosen)
         fewer = tuple(i for i in chosen if i != place)
-        return [
-            tuple(sorted((*fewer, i))) for i, name in enumerate(self.names) if name not in have
-        ]
+        own = self.names[place]
+        return [each for each in self.more(fewer) if self._new_name(each, fewer) != own]
 
     def best_new(
         self, sets: Sequence[Chosen], rest: Chosen, chosen: Chosen

@@ -1,7 +1,7 @@
 """Effects of the most probable set against others in their place."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -92,7 +92,10 @@ class InSet:
 
     def _over(self, other: StandIn) -> float:
         """Log odds over another, which gains no more on none of them than its own evidence."""
-        least = self.none.over_none - other.alone.over_none
+        # As much as it can take over of the effect, it explains alone.
+        shared = np.sqrt(max(self.none.ratio**2 - other.against.ratio**2, 0.0))
+        alone = replace(other.alone, ratio=max(other.alone.ratio, shared))
+        least = self.none.over_none - alone.over_none
         return max(other.against.over_other, least)
 
 
@@ -107,7 +110,9 @@ def judged_set(
     left = np.array([max(one.discrepancy_w, 1e-12) for one in summaries])
     here, out = search.score(chosen), []
     screened = search.screened([chosen], chosen)[chosen]
-    for place in search.new_in(chosen):
+    places = search.new_in(chosen)
+    search.fit([tuple(i for i in chosen if i != place) for place in places])
+    for place in places:
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
         without = _without(search, chosen, fewer)
@@ -115,18 +120,21 @@ def judged_set(
         before = search.prior_odds(name)
         none = own.odds(before, here - without, left)
         best = search.best_new(search.swaps(chosen, place), fewer, chosen)
-        stand_ins = []
+        likely = []
         for score, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]:
-            other = search.prior_odds(search.names[new])
-            known = before - other + _by_share(search, chosen, name, search.names[new])
+            known = before - search.prior_odds(search.names[new])
+            known += _by_share(search, chosen, name, search.names[new])
             apart = _apart(search, chosen, place, new, left)
             linear = known + _SCREENING * (screened - score - known)
-            if apart.odds(known, linear, left).over_other >= _SURE:
-                continue
+            if apart.odds(known, linear, left).over_other < _SURE:
+                likely.append((new, each, known, apart))
+        search.fit([each for _, each, _, _ in likely])
+        stand_ins = []
+        for new, each, known, apart in likely:
             fitted = search.score(each)
-            against = apart.odds(known, here - fitted, left)
             ratio = ratio_of(_explained_w(search, each, new), left)
-            alone = LogOdds(other, fitted - without, ratio)
+            alone = LogOdds(search.prior_odds(search.names[new]), fitted - without, ratio)
+            against = apart.odds(known, here - fitted, left)
             stand_ins.append(StandIn(new, each, against, alone))
         out.append(InSet(place, none, tuple(stand_ins)))
     return out

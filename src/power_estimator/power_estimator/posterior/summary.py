@@ -16,12 +16,12 @@ from power_estimator.posterior.meter import (
     MeterProblem,
     Point,
 )
-from power_estimator.posterior.priors import MISFIT
+from power_estimator.posterior.priors import MISFIT, SPIKE
 from power_estimator.posterior.sensors import LOOPS, SCALES, SENSORS, spreads
 
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own
 _MISFITS = 4  # draws of what no formula explains for each of the rest, for ends that stand still
-_TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
+_TAILS = 2.0  # degrees of freedom: where a formula misses, it seldom misses by a little
 _MOST = 1e12  # of a coefficient, in SI, that nothing in the signals shows: a model file's most
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
 _OFF = 2.0  # nats that a point may lack of its problem's solution until draws are about itself
@@ -38,7 +38,7 @@ class MeterSummary:
     explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
     sensors: Mapping[str, Floats]  # in their units [s]
     costs: Mapping[str, float]  # W rms of each error of a sensor that no effect can take over
-    discrepancy_w: float  # rms that neither known effects nor the meter's noise take over
+    discrepancy_w: float  # rms that neither known effects nor noise take over, as large as may be
     left: Mapping[str, float]  # W rms of the discrepancy by cause, largest first
     noise_w: float  # rms of what is left over the rows, without the discrepancy
 
@@ -76,19 +76,22 @@ def summarised(
     explains = _explains(columns, meter, drawn[:, :count], known)
     units = spreads(meter.signals)
     nuisance = drawn[:, count:]
-    mean = best.solution.mean
-    departures = columns.nuisance[:, len(SENSORS) :] * mean[count:][len(SENSORS) :]
-    smooth = meter.smooth(columns, best.normal, mean, place)
-    parts = np.concatenate([departures, smooth], axis=1)[meter.used]
+    departing, typical, covariance = meter.departing(
+        columns, best.normal, best.sizes, best.solution.mean, place
+    )
+    parts = (departing * typical)[meter.used]
 
-    def beside(free: Floats) -> float:
-        """W rms of the parts that free columns cannot take over."""
-        together = parts.sum(axis=1, keepdims=True)
-        return rms(less(together, free[meter.used], np.ones(len(parts), dtype=bool)))
+    def beside(free: Floats) -> tuple[float, float]:
+        """W rms of the parts that free columns cannot take over, and W² that it may be more."""
+        apart = less(departing, free, meter.used)[meter.used]
+        gram = apart.T @ apart / len(apart)
+        return rms(apart @ typical), max(float(np.einsum('ij,ji->', gram, covariance)), 0.0)
 
     # Effects and the meter's gain are free: what they take, the discrepancy gives back.
-    size = beside(columns.beside_gain())
-    left = beside(columns.beside_gain(columns.places_of(known)))
+    size, _ = beside(columns.beside_gain())
+    left, more = beside(columns.beside_gain(columns.places_of(known)))
+    least = (SPIKE * meter.rms) ** 2  # what explains less counts as absent
+    left = float(np.sqrt(left**2 + more + least))
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
     if meter.noise and of_meter < noise:
