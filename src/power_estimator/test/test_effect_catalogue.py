@@ -151,6 +151,18 @@ def test_a_drive_alone_loses_its_share_of_what_the_bus_blocks():
     assert watts({'shaft': 1.0, 'regeneration_limit': 1.0}, given) == pytest.approx(-20.0)
 
 
+def test_a_supply_loses_of_what_the_drives_of_its_meter_return_together():
+    # −40 W and 30 W: 10 W come back, by the drive that brakes.
+    drawn = np.tile([-40.0, 30.0], (400, 1))
+    two = replace(signals(-20.0, 2.0), drawn=drawn, torque=drawn / 2.0, one_meter=True)
+    effect = CATALOGUE['regeneration_efficiency']
+    assert effect.regressors(two, supply=1.0)[-1, :, 0] == pytest.approx([10.0, 0.0])
+    assert effect.usable(two, supply=1.0)
+    for other in (replace(two, one_meter=False), replace(signals(-20.0, 2.0), one_meter=True)):
+        assert not effect.usable(other, supply=1.0)
+        assert effect.usable(other, bridge=1.0)
+
+
 def test_power_beside_one_drive_is_that_of_all_others():
     beside = OtherDrives.of(np.array([[-20.0, 30.0, -5.0]])).beside(np.array([[-5.0]]))
     assert (beside.returned, beside.drawn) == (20.0, 10.0)

@@ -174,8 +174,8 @@ class EffectSearch:
         own = self.names_of(chosen)
         if not self.underneath and not has_wholes([self.actives[i] for i in chosen]):
             return _NEVER
-        if len(self.problems) == 1 and SHARES.keys() <= own - {*self.known}:
-            return _NEVER  # of one drive they are one: blocked is all that is lost
+        if SHARES.keys() <= own - {*self.known}:
+            return _NEVER  # what is blocked is lost already
         total = 0.0
         for name in set(self.names) - set(self.known):
             chance = self.prior[name]

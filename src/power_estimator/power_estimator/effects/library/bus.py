@@ -22,16 +22,6 @@ def _flow(signals: Signals, bridge: float = 0.0) -> Floats:
     return signals.drawn - bridge * signals.electronics
 
 
-def _returned(signals: Signals, *, bridge: float = 0.0, **_: float) -> Floats:
-    """The power that would flow back through the bridge, or into the drive's input."""
-    return np.maximum(0.0, -_flow(signals, bridge))[..., None]
-
-
-def _lost_share(signals: Signals, coefficients: Floats, **shape: float) -> Floats:
-    """Minus the lost share while power flows back."""
-    return np.where(_flow(signals, **shape) < 0.0, -coefficients[..., 0], 0.0)
-
-
 def _shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
     """What each drive returns, the sum of that, and the net power that the bus blocks, W."""
     returned = np.maximum(0.0, -signals.drawn)
@@ -52,6 +42,27 @@ def _blocked_share(signals: Signals, coefficients: Floats, **_: float) -> Floats
     """Minus the blocked share while power flows back."""
     _returned, total, blocked = _shares(signals)
     return np.where(signals.drawn < 0.0, -coefficients[..., 0] * (blocked / total), 0.0)
+
+
+def _returned(signals: Signals, *, bridge: float = 0.0, supply: float = 0.0, **_: float) -> Floats:
+    """Power that would flow back: through the bridge, into the drive's input, or to the supply."""
+    if supply:
+        return _blocked(signals)
+    return np.maximum(0.0, -_flow(signals, bridge))[..., None]
+
+
+def _lost_share(
+    signals: Signals, coefficients: Floats, *, bridge: float = 0.0, supply: float = 0.0, **_: float
+) -> Floats:
+    """Minus the lost share while power flows back."""
+    if supply:
+        return _blocked_share(signals, coefficients)
+    return np.where(_flow(signals, bridge) < 0.0, -coefficients[..., 0], 0.0)
+
+
+def _shown_there(signals: Signals, *, supply: float = 0.0, **_: float) -> bool:
+    """Return whether a meter shows the shape: that of several drives what the supply loses."""
+    return not supply or (signals.one_meter and signals.torque.shape[1] > 1)
 
 
 IDLE = Effect(
@@ -94,15 +105,16 @@ LINE_RESISTANCE = Effect(
 )
 REGENERATION_EFFICIENCY = Effect(
     name='regeneration_efficiency',
-    physics='of the power that a braking drive returns only the part eta arrives at the bus',
-    formula='(1 − eta)·max(0, −P); with bridge = 1, P without the electronics',
+    physics='of the power that braking drives return only the part eta arrives',
+    formula='(1 − eta)·max(0, −P); bridge = 1: without electronics; supply = 1: of all drives',
     terms=(Term('1 − eta', '1', 0.0, 1.0, attained=True),),
     scaling={},
     regressors=_returned,
     drawn_slope=_lost_share,
     follows=frozenset({'drawn'}),
     per_drive=True,
-    shapes=({'bridge': 0.0}, {'bridge': 1.0}),
+    shapes=({'bridge': 0.0}, {'bridge': 1.0}, {'supply': 1.0}),
+    recorded=_shown_there,
     near=('regeneration_limit', 'load_friction'),
     excitation=Excitation(
         'back-driving at three loads and two speeds while other drives draw',

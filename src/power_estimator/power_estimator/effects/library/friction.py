@@ -85,6 +85,7 @@ STRIBECK_FRICTION = _friction(
     terms=(Term('Ts', 'N·m', 0.0, 80.0),),
     scaling={'friction': (1.0,)},
     regressors=_fading_sign,
+    part_of='coulomb_friction',  # what is left of it at speed
     shapes=_STRIBECK_SPEEDS,
     scaled=in_proportion(_STRIBECK_SPEEDS, lambda scale: scale.speed),
     near=('coulomb_friction',),

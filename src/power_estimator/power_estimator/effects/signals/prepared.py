@@ -268,7 +268,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     constants = torque_constants(data)
     data = with_torque(data, constants)
     lag = velocity_lag(data)
-    signals = signals_of(data, lag, drive_scale(data))
+    signals = replace(signals_of(data, lag, drive_scale(data)), one_meter=whole)
     if data.steady:
         reducer = Reducer(data.rate, (slice(0, len(data.time)),), steady=True)
     else:

@@ -133,6 +133,7 @@ class Signals:
     motor_current: Floats | None = None  # A, beside the torque
     others: OtherDrives | None = None  # on the bus beside these, which share what it takes back
     steady: bool = False  # each row is an operating point: nothing changes, and nothing was before
+    one_meter: bool = False  # for all drives
 
     def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
         """Return the samples at rows, in pieces numbered by segment [T], all samples as past."""
