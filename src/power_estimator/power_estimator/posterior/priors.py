@@ -133,4 +133,4 @@ Learned on the plants of seeds 51 to 121, so that 95 % intervals hold the truth.
 OFF: Final = 0.02
 """Error of a scale or gain from which it is off: beyond a good sensor's."""
 SENSORS_OFF: Final = 0.25  # share of sensors whose error is more than that of a good one
-MOST_SECONDS: Final = 150.0  # of a robot's recordings that are judged: more says the same
+MOST_SECONDS: Final = 90.0  # of a robot's recordings that are judged: 150 s named the same
