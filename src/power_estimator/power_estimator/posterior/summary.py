@@ -105,10 +105,13 @@ def summarised(
     }
     loops = [i for i, name in enumerate(SENSORS) if name in LOOPS]
     costs[LOOPS[0]] = rms(apart_of[:, loops] @ nuisance[:, loops].mean(axis=0))
-    for i, name in enumerate(SENSORS):
-        if name in SCALES:  # what no formula explains may look like an error of a scale
-            ratio = min(size / max(unit_w[name], 1e-12), 1.0 / MISFIT)
-            nuisance[:, i] += MISFIT * ratio * random.standard_t(_TAILS, size=len(drawn))
+    # What no formula explains may look like an error of a scale.
+    scales = slice(len(SCALES))
+    nuisance[:, scales] = _less_sure(
+        nuisance[:, scales],
+        apart_of[:, scales].T @ apart_of[:, scales] / len(apart_of),
+        (MISFIT * size) ** 2,
+    )
     sensors = {name: nuisance[:, i] * units[name] for i, name in enumerate(SENSORS)}
     sensors[LOOPS[0]] = sum((sensors.pop(name) for name in LOOPS[1:]), sensors[LOOPS[0]])
     # A sensor that reads low makes the power high for its torque.
@@ -143,6 +146,22 @@ def summarised(
         by_cause(parts, columns.causes),
         noise,
     )
+
+
+def _less_sure(drawn: Floats, gram: Floats, misfit: float) -> Floats:
+    """Draws [s, k] of what has prior spreads of 1, had the power been off by a misfit besides.
+
+    gram: mean products of what is drawn, W² [k, k]; misfit: W².
+    """
+    mean, covariance, one = drawn.mean(axis=0), np.cov(drawn.T), np.eye(len(gram))
+    inverse = np.linalg.inv(covariance)
+    values, ways = np.linalg.eigh(inverse - one)
+    shown = ways * np.maximum(values, 0.0) @ ways.T  # precision by the recording alone
+    limit = gram / max(misfit, 1e-24)
+    counts = np.linalg.solve(shown + limit + 1e-12 * one, limit).T  # shown ∥ limit
+    wider = np.linalg.inv(counts @ shown + one)
+    turn = np.linalg.cholesky(wider) @ np.linalg.inv(np.linalg.cholesky(covariance))
+    return np.asarray(wider @ counts @ inverse @ mean + (drawn - mean) @ turn.T)
 
 
 def _without_part(columns: EffectColumns, used: Bools) -> Bools:

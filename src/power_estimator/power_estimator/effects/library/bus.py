@@ -105,7 +105,7 @@ LINE_RESISTANCE = Effect(
 )
 REGENERATION_EFFICIENCY = Effect(
     name='regeneration_efficiency',
-    physics='of the power that braking drives return only the part eta arrives',
+    physics='of the power that braking drives return only the part eta arrives at the bus',
     formula='(1 − eta)·max(0, −P); bridge = 1: without electronics; supply = 1: of all drives',
     terms=(Term('1 − eta', '1', 0.0, 1.0, attained=True),),
     scaling={},
