@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from power_estimator.effects import builtin_catalogue
+from power_estimator.effects import Signals, builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.signals.reducer import Reducer
 from power_estimator.effects.signals.scale import DriveScale
@@ -54,6 +54,45 @@ def of(name, value, cost=0.0):
 def of_cause(departed, cause, place):
     """A column of the forms by which a kind of power departs."""
     return departed.formed[:, departed.causes.index(cause) + place]
+
+
+def stopping():
+    """A drive of 2 N·m of dry friction that turns at 1 rad/s for two seconds, then stands."""
+    moves = np.where(TIME < 2.0, 1.0, 0.0)[:, None]
+    none = np.zeros_like(moves)
+    return Signals(
+        **dict.fromkeys(
+            ('acceleration', 'motor_acceleration', 'torque_rate', 'electronics'), none
+        ),
+        **dict.fromkeys(('torque', 'motor_torque'), none + 5.0),
+        **dict.fromkeys(('velocity', 'motor_velocity'), moves),
+        **dict.fromkeys(('segment', 'recording'), np.zeros(len(TIME), np.int32)),
+        rate=100.0,
+        names=('LF_KFE',),
+        time=TIME,
+        position=np.cumsum(moves, axis=0) / 100.0,
+        voltage=none + 48.0,
+        temperature=none * np.nan,
+        torque_cost=none + 1.5,  # W/(N·m)
+        drawn=none,
+        scale=DriveScale.reference(1),
+        at_motor=np.zeros(1, dtype=bool),
+    )
+
+
+def test_dry_friction_holds_a_drive_at_rest_the_way_it_last_moved():
+    dry, given = Active.of(EFFECTS['coulomb_friction']), stopping()
+    as_they_are = Reducer(100.0, (slice(0, len(TIME)),), steady=True)
+    prepared = SimpleNamespace(signals=given, reducer=as_they_are, reduced=as_they_are.reduce)
+    builder = SimpleNamespace(prepared=prepared, regressors=lambda a, s: a.effect.regressors(s))
+    found = Departures(builder).of({dry.name: (dry, np.array([2.0]))}, given)
+    held = found.formed[:, -1]
+    assert held[TIME < 1.9] == pytest.approx(0.0, abs=1e-6)
+    # Half of 2 N·m at 1.5 W/(N·m).
+    assert held[TIME > 2.1] == pytest.approx(0.5 * 2.0 * 1.5, rel=0.01)
+    # Its sign may turn five times as fast as its formula's, which at 1 rad/s is one already.
+    turn = found.formed[:, found.causes.index('departures of friction') + 6]
+    assert turn == pytest.approx(0.0, abs=1e-6)
 
 
 def test_friction_that_changes_over_time_departs_by_a_tenth_of_its_power():

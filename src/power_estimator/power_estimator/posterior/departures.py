@@ -1,7 +1,7 @@
 """Departures of effects from their formulas, as columns of a meter's linear problem."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -14,6 +14,7 @@ from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.signals.reducer import Reducer
 from power_estimator.posterior.discrepancy import fourier
 from power_estimator.posterior.priors import DEPARTURES, KINDS
+from power_estimator.posterior.sensors import slip
 
 Point = Mapping[str, tuple[Active, Floats]]
 """Coefficients in SI by name of the effect."""
@@ -21,6 +22,10 @@ _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
 _NARROW: Final = 5.0  # times, by which friction's sign may turn faster than its formula's
+_REACH: Final = (
+    0.05  # s, at the speed where its sign turns: the way over which friction turns round
+)
+_AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
 
 
@@ -48,6 +53,7 @@ class Departures:
         signals: with the motors' motion and torque at the point.
         """
         powers = self._powers(point, signals)
+        held = self._held(point, signals)
         fast = float(np.sqrt(np.mean(self._signals.velocity**2))) + 1e-9
         one = {
             'speed': float(np.log(1.0 / fast + _TOWARDS_ZERO)),
@@ -64,6 +70,9 @@ class Departures:
                 formed.append(spread * np.einsum('td,td->t', watts, self._thin_causes[form]))
                 causes.append(f'departures of {kind}')
         bent, bent_causes = self._bent(powers)
+        if held is not None:
+            formed.append(_AT_REST * self._reducer.thin(held).sum(axis=1))
+            causes.append('departures of friction')
         reduced = self._reducer.reduce_thin(np.stack(formed).T)
         return Departed(reduced, tuple(causes), at_one, bent, tuple(bent_causes))
 
@@ -97,6 +106,33 @@ class Departures:
             kind = KINDS.get(active.name.partition('@')[0], 'other')
             out[kind] = out[kind] + power if kind in out else power
         return {kind: self._reducer.thin(power) for kind, power in out.items()}
+
+    def _held(self, point: Point, s: Signals) -> Floats | None:
+        """Power of friction that holds a drive at rest, the way it last moved, W [T, D].
+
+        None without friction. Its formula is 0 there, while Dahl's friction (1968) stays.
+        """
+        own = [a for a, _ in point.values() if KINDS.get(a.name.partition('@')[0]) == 'friction']
+        if not own or self._last_way is None:
+            return None
+        slow = s.scale.standstill
+        rests = replace(s, motor_velocity=3.0 * slow * self._last_way)
+        total = np.zeros_like(s.torque)
+        for active in own:
+            each = np.broadcast_to(
+                point[active.name][1], (total.shape[1], len(active.effect.terms))
+            )
+            for sign, at in ((1.0, rests), (-1.0, s)):
+                total += sign * weighted(self._builder.regressors(active, at), each)
+        return total * s.torque_cost * np.exp(-np.square(s.motor_velocity / (2.0 * slow)))
+
+    @cached_property
+    def _last_way(self) -> Floats | None:
+        """The way that each drive last moved, −1 to 1 [T, D]; None where nothing shows it."""
+        s = self._signals
+        if s.steady or not np.isfinite(s.position).all():
+            return None
+        return slip(s.position, _REACH * s.scale.standstill)
 
     @property
     def _signals(self) -> Signals:

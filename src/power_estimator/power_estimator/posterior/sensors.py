@@ -78,11 +78,12 @@ class SensorErrors:
         """Take the errors' spreads and forms from the signals of a meter's drives."""
         fast = np.sqrt(np.mean(signals.torque_rate**2, axis=0)) + 1e-9
         moves = float(not signals.steady)  # operating points are in no order
+        size = np.sqrt(np.mean(signals.torque**2, axis=0)) + 1e-12
         return cls(
             signals,
             np.array([*spreads(signals).values()]),
             np.tanh(3.0 * signals.torque_rate / fast),
-            {name: moves * slip(signals.torque, share) for name, share in _SLIPS.items()},
+            {name: moves * slip(signals.torque, share * size) for name, share in _SLIPS.items()},
         )
 
     def watts(self, power: Floats, slope: Floats) -> list[Floats]:
@@ -116,14 +117,13 @@ class SensorErrors:
         ]
 
 
-def slip(torque: Floats, share: float) -> Floats:
-    """Play of a sensor's hysteresis, −1 to 1 [T, D]: it follows the torque between its ends.
+def slip(values: Floats, reach: Floats) -> Floats:
+    """Play, −1 to 1 [T, D], that follows values [T, D] between its ends, apart by 2·reach [D].
 
-    s[t] = clip(s[t − 1] + d torque / reach, −1, 1). Such steps compose to steps of their kind, so
+    s[t] = clip(s[t − 1] + d values / reach, −1, 1). Such steps compose to steps of their kind, so
     that all are found by doubling.
     """
-    reach = share * (np.sqrt(np.mean(torque**2, axis=0)) + 1e-12)
-    add = np.diff(torque, axis=0, prepend=torque[:1]) / reach
+    add = np.diff(values, axis=0, prepend=values[:1]) / reach
     low, high = np.full_like(add, -1.0), np.full_like(add, 1.0)
     ahead = 1
     while ahead < len(add):
