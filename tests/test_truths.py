@@ -120,6 +120,17 @@ def test_hidden_effect_exists_and_is_not_known():
     assert twice == pytest.approx(2 * hidden_watts(hidden)['cogging'], rel=0.1)
 
 
+def test_a_winding_that_heats_unmeasured_is_more_than_a_model_knows():
+    """A model heats a winding by its temperature: without that it lacks the effect."""
+    plants = [record(Case('gimbal', 'ladder', 5.0, seed=seed)) for seed in range(8)]
+    heated = [one for one in plants if 'winding_heating' in one.plant.exists]
+    measured = {one.plant.sampling.temperature for one in heated}
+    assert measured == {False, True}
+    for one in heated:
+        assert ('winding_heating' in one.known) == one.plant.sampling.temperature
+        assert ('winding_heating' in one.missing) != one.plant.sampling.temperature
+
+
 def test_known_effects_leave_a_part_of_what_a_hidden_one_changes():
     """Heating is all but a factor of copper loss; cogging is like no other effect."""
     hidden = Case('elastic', 'walk', 10.0, hidden=('cogging', 'winding_heating'))
