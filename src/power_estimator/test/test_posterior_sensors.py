@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from power_estimator.posterior.sensors import slip
+from power_estimator.posterior.summary import less_sure
 
 
 def test_slip_follows_the_torque_between_its_ends():
@@ -37,3 +38,24 @@ def test_hysteresis_of_a_width_between_two_plays_is_their_sum():
     }
     assert left[2] < 0.1 * loop.var()
     assert left[1] > 0.25 * loop.var()  # one play alone
+
+
+def drawn_about(mean, variance):
+    """Draws of two scales that are not correlated."""
+    draws = np.random.default_rng(3).normal(size=(20000, 2))
+    draws = (draws - draws.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(draws.T))).T
+    return np.asarray(mean) + draws * np.sqrt(variance)
+
+
+def test_a_scale_is_less_sure_the_more_power_no_formula_explains():
+    # A recording that says 1 ± 1/√3 of a prior of 0 ± 1 leaves 0.75 ± 0.5. An error of the power
+    # as large as one spread's makes of it 1 ± √(4/3), which leaves 3/7, with a variance of 4/7.
+    drawn = drawn_about([0.75, 0.0], [0.25, 0.5])
+    found = less_sure(drawn, np.diag([4.0, 0.0]), 4.0)
+    assert found.mean(axis=0) == pytest.approx([3 / 7, 0.0], abs=1e-6)
+    assert found.var(axis=0, ddof=1) == pytest.approx([4 / 7, 1.0], rel=1e-4)
+
+
+def test_a_scale_that_nothing_is_left_beside_is_as_sure_as_it_was():
+    drawn = drawn_about([0.75, -0.2], [0.25, 0.5])
+    assert less_sure(drawn, np.eye(2), 0.0) == pytest.approx(drawn)

@@ -107,7 +107,7 @@ def summarised(
     costs[LOOPS[0]] = rms(apart_of[:, loops] @ nuisance[:, loops].mean(axis=0))
     # What no formula explains may look like an error of a scale.
     scales = slice(len(SCALES))
-    nuisance[:, scales] = _less_sure(
+    nuisance[:, scales] = less_sure(
         nuisance[:, scales],
         apart_of[:, scales].T @ apart_of[:, scales] / len(apart_of),
         (MISFIT * size) ** 2,
@@ -148,20 +148,19 @@ def summarised(
     )
 
 
-def _less_sure(drawn: Floats, gram: Floats, misfit: float) -> Floats:
+def less_sure(drawn: Floats, gram: Floats, misfit: float) -> Floats:
     """Draws [s, k] of what has prior spreads of 1, had the power been off by a misfit besides.
 
-    gram: mean products of what is drawn, W² [k, k]; misfit: W².
+    Along each axis of the draws, what the recording says counts less and the prior more. gram:
+    mean products of what is drawn, W² [k, k]; misfit: W².
     """
-    mean, covariance, one = drawn.mean(axis=0), np.cov(drawn.T), np.eye(len(gram))
-    inverse = np.linalg.inv(covariance)
-    values, ways = np.linalg.eigh(inverse - one)
-    shown = ways * np.maximum(values, 0.0) @ ways.T  # precision by the recording alone
-    limit = gram / max(misfit, 1e-24)
-    counts = np.linalg.solve(shown + limit + 1e-12 * one, limit).T  # shown ∥ limit
-    wider = np.linalg.inv(counts @ shown + one)
-    turn = np.linalg.cholesky(wider) @ np.linalg.inv(np.linalg.cholesky(covariance))
-    return np.asarray(wider @ counts @ inverse @ mean + (drawn - mean) @ turn.T)
+    mean = drawn.mean(axis=0)
+    values, axes = np.linalg.eigh(np.cov(drawn.T))
+    before = np.clip(values, 1e-12, 1.0 - 1e-6)
+    size = np.maximum(np.einsum('ji,jk,ki->i', axes, gram, axes), 1e-24)
+    after = 1.0 / (1.0 + 1.0 / (before / (1.0 - before) + misfit / size))
+    around = (drawn - mean) @ axes * np.sqrt(after / np.maximum(values, 1e-12))
+    return np.asarray((around + mean @ axes * (1.0 - after) / (1.0 - before)) @ axes.T)
 
 
 def _without_part(columns: EffectColumns, used: Bools) -> Bools:
