@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from power_estimator.posterior.priors import SPIKE
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from sim_bridge.offline.run import simulate_recording, walking_run
@@ -111,7 +112,11 @@ class OfPlant:
             for name, truth in found.drives.items()
         }
         watts, apart = (hidden_watts(self.case, apart=one) for one in (False, True))
-        return Sealed(found.data, found.known, found.missing | wrong, coefficients, watts, apart)
+        shown = SPIKE * float(np.sqrt(np.mean(np.square(found.power))))  # less counts as absent
+        lacks = {
+            name for name in found.missing if name in self.case.hidden or watts[name] >= shown
+        }
+        return Sealed(found.data, found.known, lacks | wrong, coefficients, watts, apart)
 
 
 @dataclass(frozen=True)

@@ -67,14 +67,13 @@ class Recorded:
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Effects of the base model; it heats a winding by a temperature that is measured."""
+        """Effects of the base model, which heats a winding by its measured temperature."""
         return ('shaft', *sorted(self.plant.judged - self.missing))
 
     @property
     def missing(self) -> frozenset[str]:
         """Effects of the catalogue that a perfect diagnosis names."""
-        unmeasured = set() if self.plant.sampling.temperature else {'winding_heating'}
-        return self.plant.judged & {*self.case.hidden, *unmeasured}
+        return self.plant.judged & {*_not_in_model(self.case, self.plant)}
 
 
 def record(case: Case) -> Recorded:
@@ -97,7 +96,7 @@ def record(case: Case) -> Recorded:
 
 
 def hidden_watts(case: Case, *, apart: bool = False) -> dict[str, float]:
-    """W rms over all drives by which each hidden effect changes the power at the meter.
+    """W rms over all drives by which each effect that the model lacks changes the metered power.
 
     apart: only what the true power of the known effects, each times any factor, cannot take over.
     """
@@ -109,21 +108,28 @@ def hidden_watts(case: Case, *, apart: bool = False) -> dict[str, float]:
 
 @lru_cache(maxsize=1)
 def _changes(case: Case) -> tuple[dict[str, Floats], Floats]:
-    """W by which each hidden effect changes the power [P, D], and known effects' [P, D, n]."""
-    if not case.hidden:
-        return {}, np.empty((0, case.drives, 0))
+    """W by which what the model lacks changes the power [P, D], and known effects' [P, D, n]."""
     plant = draw(case)
+    lacking = _not_in_model(case, plant)
+    if not lacking:
+        return {}, np.empty((0, case.drives, 0))
     made = simulate(case, plant)
     changes = {}
-    for name in case.hidden:
+    for name in lacking:
         if name == 'cross_talk':
             changes[name] = made.power * [drive.cross_talk for drive in plant.drives]
         else:
             without = simulate(case, plant.only(plant.exists - {name})).power
             changes[name] = np.asarray(made.power - without, np.float64)
-    of_model = {'shaft', *plant.judged} - {*case.hidden}
+    of_model = {'shaft', *plant.judged} - {*lacking}
     known = [place for place, name in enumerate(PARTS) if name in of_model]
     return changes, made.parts[..., known].astype(np.float64)
+
+
+def _not_in_model(case: Case, plant: TruePlant) -> tuple[str, ...]:
+    """Effects that are hidden, and the heating of a winding whose temperature is not measured."""
+    unmeasured = {'winding_heating'} & plant.exists - {*case.hidden}
+    return case.hidden if plant.sampling.temperature else (*case.hidden, *sorted(unmeasured))
 
 
 def _left(changed: Floats, known: Floats) -> Floats:

@@ -56,43 +56,56 @@ def of_cause(departed, cause, place):
     return departed.formed[:, departed.causes.index(cause) + place]
 
 
-def stopping():
-    """A drive of 2 N·m of dry friction that turns at 1 rad/s for two seconds, then stands."""
-    moves = np.where(TIME < 2.0, 1.0, 0.0)[:, None]
-    none = np.zeros_like(moves)
-    return Signals(
-        **dict.fromkeys(
-            ('acceleration', 'motor_acceleration', 'torque_rate', 'electronics'), none
-        ),
+def dry(speed, cost=0.0, recording=None):
+    """Departures of 2 N·m of dry friction of a drive that moves at so many rad/s [T]; last two."""
+    moves = np.broadcast_to(speed, TIME.shape)[:, None]
+    none = np.zeros_like(moves, dtype=np.float64)
+    pieces = np.zeros(len(TIME), np.int32) if recording is None else recording
+    given = Signals(
+        **dict.fromkeys(('acceleration', 'motor_acceleration', 'torque_rate'), none),
+        electronics=none,
         **dict.fromkeys(('torque', 'motor_torque'), none + 5.0),
-        **dict.fromkeys(('velocity', 'motor_velocity'), moves),
-        **dict.fromkeys(('segment', 'recording'), np.zeros(len(TIME), np.int32)),
+        **dict.fromkeys(('velocity', 'motor_velocity'), none + moves),
+        **dict.fromkeys(('segment', 'recording'), pieces),
         rate=100.0,
         names=('LF_KFE',),
         time=TIME,
         position=np.cumsum(moves, axis=0) / 100.0,
         voltage=none + 48.0,
         temperature=none * np.nan,
-        torque_cost=none + 1.5,  # W/(N·m)
+        torque_cost=none + cost,
         drawn=none,
         scale=DriveScale.reference(1),
         at_motor=np.zeros(1, dtype=bool),
     )
-
-
-def test_dry_friction_holds_a_drive_at_rest_the_way_it_last_moved():
-    dry, given = Active.of(EFFECTS['coulomb_friction']), stopping()
+    own = Active.of(EFFECTS['coulomb_friction'])
     as_they_are = Reducer(100.0, (slice(0, len(TIME)),), steady=True)
     prepared = SimpleNamespace(signals=given, reducer=as_they_are, reduced=as_they_are.reduce)
     builder = SimpleNamespace(prepared=prepared, regressors=lambda a, s: a.effect.regressors(s))
-    found = Departures(builder).of({dry.name: (dry, np.array([2.0]))}, given)
-    held = found.formed[:, -1]
+    return Departures(builder).of({own.name: (own, np.array([2.0]))}, given).formed[:, -2:].T
+
+
+def test_dry_friction_holds_a_drive_at_rest_as_it_last_moved():
+    _, held = dry(np.where(TIME < 2.0, 1.0, 0.0), cost=1.5)
     assert held[TIME < 1.9] == pytest.approx(0.0, abs=1e-6)
-    # Half of 2 N·m at 1.5 W/(N·m).
-    assert held[TIME > 2.1] == pytest.approx(0.5 * 2.0 * 1.5, rel=0.01)
-    # Its sign may turn five times as fast as its formula's, which at 1 rad/s is one already.
-    turn = found.formed[:, found.causes.index('departures of friction') + 6]
-    assert turn == pytest.approx(0.0, abs=1e-6)
+    assert held[TIME > 2.1] == pytest.approx(0.5 * 2.0 * 1.5, rel=0.01)  # half of 2 N·m
+    _, held = dry(np.where(TIME < 2.0, -1.0, 0.0), cost=1.5)
+    assert held[TIME > 2.1] == pytest.approx(-0.5 * 2.0 * 1.5, rel=0.01)
+
+
+def test_how_a_drive_moved_in_another_recording_does_not_hold_it():
+    other = (TIME >= 2.5).astype(np.int32)
+    _, held = dry(np.where(TIME < 2.0, 1.0, 0.0), cost=1.5, recording=other)
+    assert held[(TIME > 2.1) & (TIME < 2.5)] == pytest.approx(1.5, rel=0.01)
+    assert held[TIME >= 2.5] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_sign_of_friction_may_turn_five_times_as_fast_as_its_formulas():
+    slow = 0.02  # rad/s, of 0.05 below which the sign fades out
+    turn, _ = dry(slow)
+    now, faster = np.tanh(slow / 0.05), np.tanh(5.0 * slow / 0.05)
+    assert turn == pytest.approx(0.7 * 2.0 * (faster - now) * slow)
+    assert dry(1.0)[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_friction_that_changes_over_time_departs_by_a_tenth_of_its_power():

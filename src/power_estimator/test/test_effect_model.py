@@ -67,6 +67,18 @@ def test_what_is_saved_is_read_back(tmp_path):
     assert load_model(str(path)).predict(data())[5, 0] == pytest.approx(30.0)
 
 
+def test_every_shape_of_an_effect_is_read_back(tmp_path):
+    lossy = CATALOGUE['regeneration_efficiency']
+    for shape in lossy.shapes:
+        path = tmp_path / 'lossy.yaml'
+        first = EffectModel('lossy', Structure((Active.of(lossy, shape),)))
+        write_model(first, path)
+        assert read_model(path, CATALOGUE).structure == first.structure
+    own, _, supply = (Active.of(lossy, shape) for shape in lossy.shapes)
+    assert own.per_drive
+    assert not supply.per_drive
+
+
 def test_a_model_may_list_effects_only_but_then_says_nothing(tmp_path):
     path = tmp_path / 'bare.yaml'
     path.write_text('effects: [shaft, copper_loss]\n')

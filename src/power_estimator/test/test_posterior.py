@@ -21,7 +21,13 @@ from power_estimator.posterior.gaussian import (
 )
 from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged_effects
 from power_estimator.posterior.meter import MeterProblem, representatives
-from power_estimator.posterior.odds import has_wholes, over_by_share, prior_of, tempered
+from power_estimator.posterior.odds import (
+    has_wholes,
+    loses_twice,
+    over_by_share,
+    prior_of,
+    tempered,
+)
 from power_estimator.posterior.priors import DOUBTED, MIMICS, NAMED, TOLD_APART, USUAL
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.stand_ins import InSet, LogOdds, StandIn
@@ -342,9 +348,24 @@ def test_a_winding_that_was_seen_to_warm_is_tried_with_its_temperature_alone(war
 def test_heating_is_there_with_copper_loss_only_also_where_each_drive_has_its_own():
     heating, copper = (Active.of(EFFECTS[name]) for name in ('winding_heating', 'copper_loss'))
     own = replace(copper, effect=replace(copper.effect, name='copper_loss@LF_KFE'))
-    assert not has_wholes([heating])
-    assert has_wholes([heating, copper])
-    assert has_wholes([heating, own])
+    assert not has_wholes([heating], {heating.name})
+    assert has_wholes([heating], {heating.name, copper.name})
+    assert has_wholes([heating, own], {heating.name, own.name})
+
+
+def test_blocked_power_is_not_lost_again_but_by_converters_of_several_drives():
+    blocked, lossy = EFFECTS['regeneration_limit'], EFFECTS['regeneration_efficiency']
+    own, _, supply = lossy.shapes
+    both = [Active.of(blocked), Active.of(lossy, own)]
+    assert loses_twice(both, alone=True)
+    assert not loses_twice(both, alone=False)
+    assert loses_twice([Active.of(blocked), Active.of(lossy, supply)], alone=False)
+    assert not loses_twice(both[:1], alone=True)
+
+
+def test_a_model_of_a_part_is_expected_to_lack_the_whole():
+    assert prior_of('coulomb_friction', expected=True) == pytest.approx(0.9)
+    assert prior_of('copper_loss', expected=True) == pytest.approx(0.995)  # as it is anyway
 
 
 @pytest.fixture(scope='module')

@@ -95,11 +95,11 @@ def test_a_known_effect_of_another_shape_is_not_taken_for_a_missing_one():
     plant = record_plant(Case('rigid', 'arm', 60.0, 1, seed=3100004))
     known = [Active.of(CATALOGUE[name]) for name in plant.known]
     (lossy,) = (one for one in known if one.name == 'regeneration_efficiency')
-    assert lossy.parameters == {'bridge': 0.0}  # while the plant's electronics do not regenerate
+    assert lossy.parameters['bridge'] == 0.0  # while the plant's electronics do not regenerate
     given = material(plant.data, per='drive')
     found = judged_effects(given.prepared, given.structure(known).actives, CATALOGUE)
     assert max(found.probability.values()) < 0.5
-    assert {one.name: one.parameters for one in found.known}[lossy.name] == {'bridge': 1.0}
+    assert {one.name: one.parameters for one in found.known}[lossy.name]['bridge'] == 1.0
     low, high = np.quantile(found.meters[0].coefficients[lossy.name], [0.025, 0.975])
     assert low < 0.2 < high
 

@@ -89,6 +89,7 @@ class Effect:
     Each drive's regressors come from its own signals alone. Fits then go drive by drive, several
     at once, with Signals of one drive.
     """
+    together_by: str = ''  # shape parameter with which it is one effect of all drives
     remembers: bool = False
     """
     The regressors follow what was seconds before (heat, backlash, rest) from each gap on, so

@@ -25,6 +25,7 @@ _NARROW: Final = 5.0  # times, by which friction's sign may turn faster than its
 _REACH: Final = (
     0.05  # s, at the speed where its sign turns: the way over which friction turns round
 )
+_TURNS_FASTER: Final = 0.7  # prior spread of that, by its logarithm over that of _NARROW
 _AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
 
@@ -53,7 +54,7 @@ class Departures:
         signals: with the motors' motion and torque at the point.
         """
         powers = self._powers(point, signals)
-        held = self._held(point, signals)
+        slow = self._when_slow(point, signals)
         fast = float(np.sqrt(np.mean(self._signals.velocity**2))) + 1e-9
         one = {
             'speed': float(np.log(1.0 / fast + _TOWARDS_ZERO)),
@@ -70,9 +71,8 @@ class Departures:
                 formed.append(spread * np.einsum('td,td->t', watts, self._thin_causes[form]))
                 causes.append(f'departures of {kind}')
         bent, bent_causes = self._bent(powers)
-        if held is not None:
-            formed.append(_AT_REST * self._reducer.thin(held).sum(axis=1))
-            causes.append('departures of friction')
+        formed += [self._reducer.thin(own).sum(axis=1) for own in slow]
+        causes += ['departures of friction'] * len(slow)
         reduced = self._reducer.reduce_thin(np.stack(formed).T)
         return Departed(reduced, tuple(causes), at_one, bent, tuple(bent_causes))
 
@@ -103,36 +103,43 @@ class Departures:
             by = active.effect.acts_on
             if by != 'power':
                 power = power * (s.motor_velocity + s.torque_cost if by == 'torque' else s.torque)
-            kind = KINDS.get(active.name.partition('@')[0], 'other')
+            kind = _kind(active.name)
             out[kind] = out[kind] + power if kind in out else power
         return {kind: self._reducer.thin(power) for kind, power in out.items()}
 
-    def _held(self, point: Point, s: Signals) -> Floats | None:
-        """Power of friction that holds a drive at rest, the way it last moved, W [T, D].
+    def _when_slow(self, point: Point, s: Signals) -> list[Floats]:
+        """Departures of dry friction near standstill, W [T, D]; none without friction.
 
-        None without friction. Its formula is 0 there, while Dahl's friction (1968) stays.
+        The speed at which its sign turns is not known: it may be five times as low. And it holds
+        a drive at rest as that last moved (Dahl 1968), where its formula is 0.
         """
-        own = [a for a, _ in point.values() if KINDS.get(a.name.partition('@')[0]) == 'friction']
-        if not own or self._last_way is None:
-            return None
+        own = [each for name, each in point.items() if _kind(name) == 'friction']
+        if not own:
+            return []
         slow = s.scale.standstill
         rests = replace(s, motor_velocity=3.0 * slow * self._last_way)
-        total = np.zeros_like(s.torque)
-        for active in own:
-            each = np.broadcast_to(
-                point[active.name][1], (total.shape[1], len(active.effect.terms))
-            )
-            for sign, at in ((1.0, rests), (-1.0, s)):
-                total += sign * weighted(self._builder.regressors(active, at), each)
-        return total * s.torque_cost * np.exp(-np.square(s.motor_velocity / (2.0 * slow)))
+        now, held = np.zeros_like(s.torque), np.zeros_like(s.torque)
+        for active, values in own:
+            each = np.broadcast_to(values, (now.shape[1], len(values)))
+            now += weighted(self._builder.regressors(active, s), each)
+            held += weighted(self._builder.regressors(active, rests), each)
+        near = np.abs(s.motor_velocity) / slow + 1e-9
+        turn = np.tanh(_NARROW * near) / np.tanh(near) - 1.0
+        rest = (held - now) * np.exp(-np.square(near / 2.0)) * np.abs(self._last_way)
+        return [
+            _TURNS_FASTER * turn * now * (s.motor_velocity + s.torque_cost),
+            _AT_REST * rest * s.torque_cost,
+        ]
 
     @cached_property
-    def _last_way(self) -> Floats | None:
-        """The way that each drive last moved, −1 to 1 [T, D]; None where nothing shows it."""
-        s = self._signals
-        if s.steady or not np.isfinite(s.position).all():
-            return None
-        return slip(s.position, _REACH * s.scale.standstill)
+    def _last_way(self) -> Floats:
+        """The way that each drive last moved, −1 to 1 [T, D]; 0 where nothing shows it."""
+        s, way = self._signals, np.zeros_like(self._signals.torque)
+        if s.steady:
+            return way
+        for part in s.stretches():
+            way[part] = slip(s.position[part], _REACH * s.scale.standstill)
+        return np.nan_to_num(way)
 
     @property
     def _signals(self) -> Signals:
@@ -154,7 +161,6 @@ class Departures:
         direction = np.tanh(s.velocity / (_TOWARDS_ZERO * fast))
         side = np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong))
         load = np.arcsinh(np.abs(s.torque) / strong)
-        slow = np.abs(s.velocity) / s.scale.standstill + 1e-9
         span = max(float(np.ptp(s.time)), 1e-9)
         time = 2 * (s.time - s.time.mean()) / span
         return {
@@ -166,7 +172,6 @@ class Departures:
             'time': np.broadcast_to(time[:, None] * (not s.steady), load.shape),
             'saturation': np.square(s.torque / (np.abs(s.torque).max(axis=0) + 1e-9)),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
-            'turn': np.tanh(_NARROW * slow) / np.tanh(slow) - 1.0,
         }
 
     @cached_property
@@ -191,3 +196,8 @@ class Departures:
         inputs = self._builder.prepared.reduced(raw)
         parts = [fourier(random, inputs[:, d], count, _LENGTH) for d in range(inputs.shape[1])]
         return np.stack(parts, axis=1)
+
+
+def _kind(name: str) -> str:
+    """Kind of an effect by its name, also of one that is a drive's own."""
+    return KINDS.get(name.partition('@')[0], 'other')

@@ -138,14 +138,15 @@ def judged_effects(
         lambda d: summarised(search.problems[d], taken, search.known, points[d]),
         range(len(points)),
     )
-    left = rms(np.array([one.discrepancy_w for one in meters]))
+    left = rms(np.array([one.misses_w for one in meters]))
+    expected = rms(np.array([one.discrepancy_w for one in meters]))
     searched = [meters[d] for d in search.searched]
     in_set = judged_set(search, chosen, searched)
     candidates = _candidates(search, chosen, meters, in_set, left)
     new = search.new_in(chosen)
     known_now = tuple(search.actives[i] for i in sorted(chosen) if i not in new)
     added = tuple(search.actives[i] for i in sorted(new))
-    any_missing = _any_missing(search, candidates, added, left)
+    any_missing = _any_missing(search, candidates, added, expected)
     scales = _scales(search, meters, in_set)
     return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
 

@@ -1,6 +1,6 @@
 """Log odds of effects: before a recording, and by how much its evidence counts."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.special import log_ndtr, logit
@@ -21,9 +21,11 @@ from power_estimator.posterior.priors import (
 def prior_of(name: str, *, expected: bool = False) -> float:
     """Probability that a model without an effect lacks it, before the recording.
 
-    expected: the recording's motion and temperature are such that physics asks for it.
+    expected: physics asks for it, by the recording's motion and temperature or as the whole of a
+    part that the model has.
     """
-    return EXPECTED if expected else MISSING.get(name.partition('@')[0], OF_USERS)
+    usual = MISSING.get(name.partition('@')[0], OF_USERS)
+    return max(EXPECTED, usual) if expected else usual
 
 
 def over_by_share(name: str, other: str, share: float, spread: float) -> float:
@@ -42,10 +44,20 @@ def over_by_share(name: str, other: str, share: float, spread: float) -> float:
     return density(*SHARES[name]) - density(*SHARES[other])
 
 
-def has_wholes(actives: Sequence[Active]) -> bool:
-    """Return whether a set has every effect that one of its effects is a part of."""
-    plain = {active.name.partition('@')[0] for active in actives}
-    return {active.effect.part_of for active in actives} - {''} <= plain
+def has_wholes(parts: Sequence[Active], names: Collection[str]) -> bool:
+    """Return whether every effect that one of some is a part of is among names."""
+    plain = {name.partition('@')[0] for name in names}
+    return {part.effect.part_of for part in parts} - {''} <= plain
+
+
+def loses_twice(parts: Sequence[Active], *, alone: bool) -> bool:
+    """Return whether what flows back is both blocked and lost by a share: of one drive, or of all.
+
+    Converters of several drives lose of what others use, too.
+    """
+    both = [part for part in parts if part.name in SHARES]
+    together = any(part.parameters.get(part.effect.together_by) for part in both)
+    return len(both) > 1 and (alone or together)
 
 
 def tempered(before: float, after: float, ratio: float) -> float:

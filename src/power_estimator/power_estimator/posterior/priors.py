@@ -74,7 +74,6 @@ DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
         'quadrant': 0.1,
         'time': 0.1,
         'low': 0.15,
-        'turn': 0.7,  # at which speed its sign turns is not known: 1 is five times as fast
     },
     'viscous': {  # iron loss and it bend to one another
         'speed': 0.2,

@@ -14,7 +14,7 @@ from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import MeterProblem, Point, representatives
-from power_estimator.posterior.odds import has_wholes, prior_of
+from power_estimator.posterior.odds import has_wholes, loses_twice, prior_of
 from power_estimator.posterior.priors import ALIKE, KNOWN_SIZE, PAIRS, SHARES, STEPS, TRIED, WORTH
 
 Chosen = tuple[int, ...]
@@ -44,7 +44,7 @@ class EffectSearch:
         the model stands on another that may have any effect in it; show: what takes the number of
         sets that were fitted.
         """
-        count = len(problems)
+        count, self.alone = len(problems), signals.torque.shape[1] == 1
         self.problems = problems
         self.searched = representatives(self.problems)
         self.meters = [self.problems[d] for d in self.searched]
@@ -55,7 +55,7 @@ class EffectSearch:
             active.name
             for active in candidates
             if active.effect.shown_by(signals, active.parameters)
-        }
+        } | {active.effect.part_of for active in known}
         self.prior = {name: prior_of(name, expected=name in expected) for name in self.names}
         self.underneath = underneath
         self.shapes = {name: self.names.count(name) for name in self.names} | dict(tried)
@@ -172,10 +172,9 @@ class EffectSearch:
 
     def _prior(self, chosen: Chosen) -> float:
         own = self.names_of(chosen)
-        if not self.underneath and not has_wholes([self.actives[i] for i in chosen]):
+        new = [self.actives[i] for i in self.new_in(chosen)]
+        if loses_twice(new, alone=self.alone) or not (self.underneath or has_wholes(new, own)):
             return _NEVER
-        if SHARES.keys() <= own - {*self.known}:
-            return _NEVER  # what is blocked is lost already
         total = 0.0
         for name in set(self.names) - set(self.known):
             chance = self.prior[name]
@@ -294,14 +293,15 @@ class EffectSearch:
             new = [each for each in best if self._new_name(each, chosen) not in self.known]
             tried += new[:TRIED]
             tried += [each for each in best if each not in new][:1] if how == 'here' else []
-        return list(dict.fromkeys(tried + [twin for each in tried for twin in self._twins(each)]))
+        twins = [twin for each in tried for twin in self._twins(each, chosen)]
+        return list(dict.fromkeys(tried + twins))
 
-    def _twins(self, each: Chosen) -> list[Chosen]:
-        """Sets with the other of SHARES in place of one: which it is, their own points tell."""
+    def _twins(self, each: Chosen, chosen: Chosen) -> list[Chosen]:
+        """Sets with the other of SHARES in place of a new one: their own points tell which."""
         return [
             other
             for i in self.new_in(each)
-            if self.names[i] in SHARES
+            if self.names[i] in SHARES and i not in chosen
             for other in self.swaps(each, i)
             if self._new_name(other, each) in SHARES
         ]

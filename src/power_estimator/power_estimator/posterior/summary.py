@@ -38,7 +38,8 @@ class MeterSummary:
     explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
     sensors: Mapping[str, Floats]  # in their units [s]
     costs: Mapping[str, float]  # W rms of each error of a sensor that no effect can take over
-    discrepancy_w: float  # rms that neither known effects nor noise take over, as large as may be
+    misses_w: float  # rms that neither known effects nor the meter's noise take over
+    discrepancy_w: float  # rms of that to be expected: what the recording leaves open is in it
     left: Mapping[str, float]  # W rms of the discrepancy by cause, largest first
     noise_w: float  # rms of what is left over the rows, without the discrepancy
 
@@ -91,13 +92,13 @@ def summarised(
     size, _ = beside(columns.beside_gain())
     left, more = beside(columns.beside_gain(columns.places_of(known)))
     least = (SPIKE * meter.rms) ** 2  # what explains less counts as absent
-    left = float(np.sqrt(left**2 + more + least))
+    misses, left = left, float(np.sqrt(left**2 + more + least))
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
     if meter.noise and of_meter < noise:
         # What is not smooth but lasts, such as a fan that is switched.
         lasts = min(max(meter.noise.lasting, 0.0), noise**2 - of_meter**2)
-        left = float(np.sqrt(left**2 + lasts))
+        misses, left = (float(np.sqrt(one**2 + lasts)) for one in (misses, left))
     apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
     unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
     costs = {
@@ -142,6 +143,7 @@ def summarised(
         explains,
         sensors,
         costs,
+        misses,
         left,
         by_cause(parts, columns.causes),
         noise,

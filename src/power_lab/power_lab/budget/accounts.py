@@ -242,7 +242,7 @@ class Accounts:
     def together(self) -> list[list[int]]:
         """Indices of drives to evaluate jointly: one each, unless an effect couples the drives."""
         drives = range(len(self.members))
-        apart = all(active.effect.per_drive for active in self.model.structure.actives)
+        apart = all(active.per_drive for active in self.model.structure.actives)
         return [[drive] for drive in drives] if apart else [[*drives]]
 
     def _drives(self) -> Iterator[DriveAccount]:

@@ -89,7 +89,7 @@ class ByDriveBuilder(DesignBuilder):
         """Return reduced columns [N, D, n] of effects beside a structure at coefficients."""
         if not _apart(structure.actives):
             return super().beside(actives, structure, coefficients)
-        apart = [active for active in actives if active.effect.per_drive]
+        apart = [active for active in actives if active.per_drive]
         parts = self._each(
             lambda builder, own: builder.beside(apart, structure, own), coefficients
         )
@@ -97,7 +97,7 @@ class ByDriveBuilder(DesignBuilder):
             active.key: np.concatenate(columns, axis=1)
             for active, *columns in zip(apart, *parts, strict=True)
         }
-        rest = [active for active in actives if not active.effect.per_drive]
+        rest = [active for active in actives if not active.per_drive]
         beside = super().beside(rest, structure, coefficients) if rest else []
         known |= {active.key: columns for active, columns in zip(rest, beside, strict=True)}
         return [known[active.key] for active in actives]
@@ -113,4 +113,4 @@ class ByDriveBuilder(DesignBuilder):
 
 def _apart(actives: Sequence[Active]) -> bool:
     """Return whether no effect looks at other drives than its own."""
-    return all(active.effect.per_drive for active in actives)
+    return all(active.per_drive for active in actives)

@@ -42,6 +42,11 @@ class Active:
         """Shape parameters by name."""
         return dict(self.shape)
 
+    @property
+    def per_drive(self) -> bool:
+        """Whether each drive's regressors come from its own signals alone."""
+        return self.effect.per_drive and not self.parameters.get(self.effect.together_by)
+
     def columns(self, signals: Signals) -> Floats:
         """Return the regressors [T, D, n] on signals, as `regressors_of`."""
         return regressors_of(self.effect, signals, self.parameters)

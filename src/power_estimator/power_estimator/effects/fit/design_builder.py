@@ -1,5 +1,6 @@
 """Builds linearised designs on prepared signals."""
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
@@ -26,36 +27,42 @@ Value = TypeVar('Value')
 
 
 class Kept(Generic[Value]):
-    """Cache of values by key; those used least recently go when all need more than a budget."""
+    """Cache of values by key; those used least recently go when all need more than a budget.
+
+    Several threads may share it.
+    """
 
     def __init__(self, budget: int, fewest: int = 1) -> None:
         """budget: bytes; fewest: number of values that stay whatever they need."""
         self._budget, self._fewest = budget, fewest
         self._values: OrderedDict[Hashable, tuple[Value, int]] = OrderedDict()
-        self._used = 0
+        self._used, self._lock = 0, threading.RLock()
 
     def get(self, key: Hashable, make: Callable[[], Value], size: Callable[[Value], int]) -> Value:
         """Return the value of a key, from `make` where it is not kept; size: gives its bytes."""
-        if key in self._values:
-            self._values.move_to_end(key)
-            return self._values[key][0]
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key][0]
         value = make()
         self.put(key, value, size(value))
         return value
 
     def put(self, key: Hashable, value: Value, size: int) -> None:
         """Keep a value of `size` bytes; those used least recently go for it."""
-        self.drop(key)
-        self._values[key] = (value, size)
-        self._used += size
-        while self._used > self._budget and len(self._values) > self._fewest:
-            _, (_, freed) = self._values.popitem(last=False)
-            self._used -= freed
+        with self._lock:
+            self.drop(key)
+            self._values[key] = (value, size)
+            self._used += size
+            while self._used > self._budget and len(self._values) > self._fewest:
+                _, (_, freed) = self._values.popitem(last=False)
+                self._used -= freed
 
     def drop(self, key: Hashable) -> None:
         """Remove the value of a key, if it is kept."""
-        if key in self._values:
-            self._used -= self._values.pop(key)[1]
+        with self._lock:
+            if key in self._values:
+                self._used -= self._values.pop(key)[1]
 
 
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient

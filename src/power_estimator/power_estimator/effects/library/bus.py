@@ -113,7 +113,12 @@ REGENERATION_EFFICIENCY = Effect(
     drawn_slope=_lost_share,
     follows=frozenset({'drawn'}),
     per_drive=True,
-    shapes=({'bridge': 0.0}, {'bridge': 1.0}, {'supply': 1.0}),
+    shapes=(
+        {'bridge': 0.0, 'supply': 0.0},
+        {'bridge': 1.0, 'supply': 0.0},
+        {'bridge': 0.0, 'supply': 1.0},
+    ),
+    together_by='supply',
     recorded=_shown_there,
     near=('regeneration_limit', 'load_friction'),
     excitation=Excitation(

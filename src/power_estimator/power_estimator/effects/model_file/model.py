@@ -13,7 +13,7 @@ from wattwalk_core.errors import InputError
 from power_estimator.drive_types import DriveType, owners
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.effect import Effect, Shape
-from power_estimator.effects.fit.design import BasePower, Prior, Structure, evaluate
+from power_estimator.effects.fit.design import Active, BasePower, Prior, Structure, evaluate
 from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 from power_estimator.effects.signals.sizing import with_torque
@@ -81,7 +81,7 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
         memory=memory,
         remembers=effect.name,
         carried=carried.used or bool(np.isfinite(memory)),
-        together='' if effect.per_drive else effect.name,
+        together='' if Active.of(effect, shape).per_drive else effect.name,
     )
 
 
