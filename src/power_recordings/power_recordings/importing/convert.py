@@ -26,11 +26,19 @@ from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, s
 Messages = NDArray[np.uint8]
 Values = dict[tuple[str, str], Floats]  # [N] by drive and quantity
 Written = dict[str, tuple[Stamps, Values]]
-TOPICS = ('joint_states', 'motor_current', 'joint_commands', 'drive_supply', 'supply')
+TOPICS = (
+    'joint_states',
+    'motor_current',
+    'motor_temperature',
+    'joint_commands',
+    'drive_supply',
+    'supply',
+)
 
 _JOINT_FIELDS = {
     'joint_states': ('position', 'velocity', 'torque'),
     'motor_current': ('', '', 'motor_current'),
+    'motor_temperature': ('', '', 'temperature'),  # of drives without a meter of their own
     'joint_commands': ('command', '', ''),
 }
 """Quantities that are position, velocity and effort of a message."""
@@ -58,6 +66,9 @@ class _Writer:
         self._of_joints = {
             'joint_states': tuple(plan.drives),
             'motor_current': _having(plan, 'motor_current'),
+            'motor_temperature': tuple(
+                drive for drive in _having(plan, 'temperature') if drive not in self.measured
+            ),
             'joint_commands': _having(plan, 'command'),
         }
         self.counts = dict.fromkeys(TOPICS, 0)
@@ -290,6 +301,8 @@ def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
     for drive, channels in plan.drives.items():
         for quantity, channel in channels.items():
             topic = of_joints.get(quantity, 'drive_supply')
+            if topic == 'motor_temperature' and drive in measured:
+                topic = 'drive_supply'
             if topic != 'drive_supply' or drive in measured:
                 parts[topic].append((drive, channel))
     parts['supply'] = [('', channel) for channel in plan.supply.values()]
