@@ -130,7 +130,7 @@ TYPES: Mapping[str, str] = {
     **{name: kind.type_name for name, kind in KINDS.items() if not name.startswith('motor_')},
     'diagnostics': cdr.DIAGNOSTIC_ARRAY,
 }
-"""Types of the topics that nodes of the suite publish; what begins with `motor_` is from logs alone."""
+"""Types of the topics that nodes of the suite publish; `motor_…` are from logs alone."""
 
 
 def message_class(type_name: str) -> Any:
