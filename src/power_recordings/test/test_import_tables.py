@@ -193,6 +193,14 @@ def test_both_sides_of_a_gear_are_kept(tmp_path):
     assert data.rows(slice(5)).motor_current.shape == (5, 1)
 
 
+@pytest.mark.parametrize('comment', ['# units: ms, rpm, N*mm, mA', '% [ms], [rpm], [N*mm], [mA]'])
+def test_units_in_a_comment_above_the_head_are_those_of_its_columns(tmp_path, comment):
+    (tmp_path / 'log.csv').write_text(f'# bench, 2, b, 1\n{comment}\n{lines(bench())}')
+    head = DelimitedFile(tmp_path / 'log.csv').dialect.head
+    assert head.names == tuple(HEAD.split(','))
+    assert head.units == ('ms', 'rpm', 'N*mm', 'mA')
+
+
 COMMON = """
 format: import/1
 time: {column: t, unit: s}
