@@ -71,7 +71,7 @@ class Card:
 
     @property
     def imported(self) -> Mapping[str, Any]:
-        """Notes of an import: from, map, columns, positive, velocity, formulas, notes."""
+        """Notes of an import: from, map, columns, units, positive, velocity, formulas, notes."""
         found = self.other.get('imported')
         return found if isinstance(found, Mapping) else {}
 
@@ -85,6 +85,17 @@ class Card:
         columns = self._noted('columns', drive)
         derived = quantity == 'velocity' and drive in self.derived_velocity
         return columns is not None and quantity not in columns and not derived
+
+    def unit_of(self, drive: str, quantity: str) -> str:
+        """Return the unit of an imported signal in the log, '' if unknown, `other` of no name.
+
+        drive: '' for the supply; of a quantity that the supply does not have, for all drives.
+        """
+        units = self.imported.get('units')
+        known = units if isinstance(units, Mapping) else {}
+        noted = [self._noted('units', name) or {} for name in ([drive] if drive else known)]
+        found = {str(own[quantity]) for own in noted if quantity in own}
+        return found.pop() if len(found) == 1 else 'other' if found else ''
 
     def turned_meter(self, drive: str) -> str:
         """Return the line of an import map that turns the sign of a drive's meter; '': of all."""

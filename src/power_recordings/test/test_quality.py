@@ -45,7 +45,7 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         ('degrees a second', (1, 360 / 60, 1), ('velocity_units', 'degrees per second')),
         ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
         ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
-        ('milliamperes', (1, 1, 1e3), ('power_units', 'current is in mA?')),
+        ('milliamperes', (1, 1, 1), ('power_units', 'current is in mA?')),
         ('fed', (1, 1, -1), ('power_units', "the meter's sign is wrong")),
     ):
         changed = rows.copy()
@@ -55,6 +55,8 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         mapping = MAP
         if name == 'degrees a second':
             mapping = mapping.replace('unit: rpm', 'unit: rad/s')
+        if name == 'milliamperes':
+            mapping = mapping.replace('unit: mA', 'unit: A')
         if name == 'degrees':
             mapping = mapping.replace('unit: rev}', 'unit: rad}')
         log = csv(tmp_path / 'log.csv', changed)

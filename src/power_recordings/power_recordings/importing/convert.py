@@ -19,8 +19,10 @@ from power_recordings.importing.origin import origin_of_power
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
+from power_recordings.importing.units import conversion
 from power_recordings.messages import cdr
 from power_recordings.messages.topics import KINDS
+from power_recordings.quality.causes import UNITS, common_name
 from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
 
 Messages = NDArray[np.uint8]
@@ -313,6 +315,20 @@ def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
     }
 
 
+def _units(plan: ImportPlan) -> dict[str, dict[str, str]]:
+    """Return the units of the map or the log by drive ('' of the supply and time) and quantity."""
+    given = {
+        drive: {q: c.unit for q, c in own.items() if c.unit and q in UNITS}
+        for drive, own in {**plan.drives, '': plan.supply}.items()
+    }
+    if plan.time:
+        given['']['time'] = plan.time[0][1]
+    return {
+        drive: {q: common_name(q, conversion(unit, q).factor) for q, unit in own.items()}
+        for drive, own in given.items()
+    }
+
+
 def _card(
     mapping: ImportMap,
     plan: ImportPlan,
@@ -334,6 +350,7 @@ def _card(
             'from': [source.path.name for source in sources],
             'map': where,
             'columns': plan.columns(),
+            'units': _units(plan),
             'positive': {
                 drive: {q: c.positive for q, c in own.items() if q in ('current', 'power')}
                 for drive, own in {**plan.drives, '': plan.supply}.items()

@@ -42,6 +42,7 @@ class LogChannel:
     conversion: Conversion
     value: float = np.nan
     positive: str = 'drawn'  # in the map
+    unit: str = ''  # in the map or in the log
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -288,7 +289,8 @@ def _channel(
                 f'{where}: at: motor; give gear_ratio, motor turns to one of the joint'
             )
         convert = Conversion(convert.factor / gear_ratio, convert.offset / gear_ratio)
-    return LogChannel(quantity, terms, convert, positive=signal.positive)
+    unit = '' if quantity == 'torque' and unit in ('A', 'mA') else unit
+    return LogChannel(quantity, terms, convert, positive=signal.positive, unit=unit)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:

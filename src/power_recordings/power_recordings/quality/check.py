@@ -254,7 +254,7 @@ class _Checker:
         if found is None or abs(found.correlation) < least:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
-            self.findings.append(velocity_finding(name, found.slope))
+            self.findings.append(velocity_finding(name, found.slope, card))
         return found.slope
 
     def _power(
@@ -323,7 +323,7 @@ class _Checker:
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())
-            own = drive_findings(joints.names, apart) if apart else []
+            own = drive_findings(joints.names, apart, self._recording.card) if apart else []
             self._add(own or [power_finding('', balance, self._recording.card, agree)])
         return balance
 
