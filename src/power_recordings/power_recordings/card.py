@@ -71,7 +71,7 @@ class Card:
 
     @property
     def imported(self) -> Mapping[str, Any]:
-        """Notes of an import: from, map, columns, units, positive, velocity, formulas, notes."""
+        """Notes of an import: from, map, columns, units, scales, positive, velocity, formulas."""
         found = self.other.get('imported')
         return found if isinstance(found, Mapping) else {}
 
@@ -91,11 +91,15 @@ class Card:
 
         drive: '' for the supply; of a quantity that the supply does not have, for all drives.
         """
-        units = self.imported.get('units')
-        known = units if isinstance(units, Mapping) else {}
-        noted = [self._noted('units', name) or {} for name in ([drive] if drive else known)]
-        found = {str(own[quantity]) for own in noted if quantity in own}
-        return found.pop() if len(found) == 1 else 'other' if found else ''
+        found = self._all('units', drive, quantity)
+        return str(found.pop()) if len(found) == 1 else 'other' if found else ''
+
+    def scaled(self, drive: str, quantity: str, factor: float) -> str:
+        """Return the line of an import map that multiplies a signal once more; '': of all."""
+        found = self._all('scales', drive, quantity)
+        given = found.pop() if len(found) == 1 else 1.0
+        size = factor * given if isinstance(given, float) else factor
+        return f'{quantity}: {{scale: {size:.4g}}}'
 
     def turned_meter(self, drive: str) -> str:
         """Return the line of an import map that turns the sign of a drive's meter; '': of all."""
@@ -103,6 +107,12 @@ class Card:
         quantity, sign = next(iter(given.items()))
         line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'
         return line if drive else f'supply: {{{line}}}'
+
+    def _all(self, what: str, drive: str, quantity: str) -> set[Any]:
+        of = self.imported.get(what)
+        drives = [drive] if drive else of if isinstance(of, Mapping) else ()
+        noted = [self._noted(what, name) or {} for name in drives]
+        return {own[quantity] for own in noted if quantity in own}
 
     def _noted(self, what: str, drive: str) -> Mapping[str, Any] | None:
         of_drive = self.imported.get(what)

@@ -351,6 +351,10 @@ def _card(
             'map': where,
             'columns': plan.columns(),
             'units': _units(plan),
+            'scales': {
+                drive: {q: float(c.scale) for q, c in own.items() if c.scale != 1.0}
+                for drive, own in plan.drives.items()
+            },
             'positive': {
                 drive: {q: c.positive for q, c in own.items() if q in ('current', 'power')}
                 for drive, own in {**plan.drives, '': plan.supply}.items()

@@ -43,6 +43,7 @@ class LogChannel:
     value: float = np.nan
     positive: str = 'drawn'  # in the map
     unit: str = ''  # in the map or in the log
+    scale: float = 1.0  # in the map
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -290,7 +291,8 @@ def _channel(
             )
         convert = Conversion(convert.factor / gear_ratio, convert.offset / gear_ratio)
     unit = '' if quantity == 'torque' and unit in ('A', 'mA') else unit
-    return LogChannel(quantity, terms, convert, positive=signal.positive, unit=unit)
+    scale = 1.0 if signal.scale is None else signal.scale
+    return LogChannel(quantity, terms, convert, np.nan, signal.positive, unit, scale)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:

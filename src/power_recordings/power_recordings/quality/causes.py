@@ -27,7 +27,7 @@ _SPOKEN: Final = {
     'us': 'µs',
 }
 _TOLERANCE: Final = 0.12
-_WIDE: Final = 1.6  # times by which losses may take a slope off a thousand or a thousandth
+_WIDE: Final = 1.6  # times by which losses may take a slope off that of torque or current
 _CHOSEN: Final = 0.03  # of a slope, for a unit other than that of a recording
 _LOSSY: Final = (('torque',), ('current',))
 

@@ -40,11 +40,13 @@ _FED: Final = -0.1  # of the power (rms), losses below which no offset of a mete
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
+_BEYOND: Final = 100.0  # W per W of torque × speed: more than any loss makes
+_LARGE: Final = 3.0  # times the power, that torque × speed is of units that are likely wrong,
+_SMALL: Final = 0.1  # if power grows by less W with each W of it
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
 _RPM: Final = 2 * np.pi / 60
-_TURNED: Final = 'torque: {scale: -1}'
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
 _SCALES: Final = (np.sqrt(_RPM), np.sqrt(60 * _RPM))
 
@@ -56,7 +58,7 @@ def velocity_finding(drive: str, slope: float, card: Card) -> Finding:
     mend = cause.mend
     if slope < 0:
         text += ': its sign is wrong' + (f', and {cause}' if cause else '')
-        mend = f'velocity: {{scale: {1 / slope:.4g}}}'
+        mend = card.scaled(drive, 'velocity', 1 / slope)
     elif cause:
         text += f': {cause}'
     else:
@@ -74,18 +76,16 @@ def power_finding(
     if balance is None:
         return None
     slope, margin = balance.slope, 2 * balance.error
-    ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
-    ratio = ratios.pop() if len(ratios) == 1 else 1.0
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
     meaning = cause_of(slope, OF_POWER, card, drive)
     mend = (
         f'supply: {{{meaning.mend}}}' if not drive and 'current' in meaning.units else meaning.mend
     )
-    if (geared := _gear_finding(drive, balance, ratio, agree, meaning)) is not None:
+    if (geared := _gear_finding(drive, balance, card, agree, meaning)) is not None:
         return geared
     if decided and slope < -margin:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'
-        whose, mend = 'a', _TURNED
+        whose, mend = 'a', card.scaled(drive, 'torque', -1)
         if balance.losses < _FED * balance.power:
             text += f', and the losses would be {balance.losses:.3g} W'
             whose, mend = "the meter's", card.turned_meter(drive)
@@ -97,7 +97,16 @@ def power_finding(
     if slope < -2 * margin and balance.share > _HINTED:
         text = f'power falls with torque × speed, {balance}: is a sign wrong?'
         return Finding('power_slope', 'warning', drive, text)
-    hinted = balance.share > _HINTED and slope > _SCALES[1] + margin
+    if balance.shaft > _LARGE * balance.power and abs(slope) + margin < _SMALL:
+        text = (
+            f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were '
+            f'metered, which grow by {slope:.2g} W with each W of it: another unit of torque or '
+            'speed (N·cm, mN·m?), or a spring that works beside the motor?'
+        )
+        mend = cause_of(slope, OF_TORQUE, card, drive).mend
+        return Finding('power_slope', 'warning', drive, text, mend)
+    told = balance.share > 1 - balance.r2 or slope > _BEYOND
+    hinted = told and balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or _USUAL[0] - margin < slope < _USUAL[1] + margin:
         return None
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
@@ -110,7 +119,8 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text)
     if not decided:
         text = f"{of_all}, not by about 1: another unit, or torque of the motor's shaft?"
-        return Finding('power_slope', 'warning', drive, text, 'torque: {scale: GEAR RATIO}')
+        mend = '' if card.gear_ratio else 'torque: {scale: GEAR RATIO}'
+        return Finding('power_slope', 'warning', drive, text, mend)
     text += ', not by about 1: a gear between, or two units at once? Check those of torque, speed'
     return Finding('power_units', 'error', drive, f'{text}, voltage and current.')
 
@@ -124,7 +134,7 @@ def drive_findings(names: Sequence[str], found: DriveSlopes, card: Card) -> list
         cause = cause_of(slope, OF_TORQUE, card, drive)
         meaning, mend = str(cause), cause.mend
         if slope < -_SCALES[0]:
-            meaning, mend = 'a sign is wrong', _TURNED
+            meaning, mend = 'a sign is wrong', card.scaled(drive, 'torque', -1)
         if meaning:
             goes = 'falls' if slope < 0 else 'grows'
             text = (
@@ -135,10 +145,12 @@ def drive_findings(names: Sequence[str], found: DriveSlopes, card: Card) -> list
 
 
 def _gear_finding(
-    drive: str, balance: ShaftBalance, ratio: float, agree: bool, meaning: Cause
+    drive: str, balance: ShaftBalance, card: Card, agree: bool, meaning: Cause
 ) -> Finding | None:
     """Return what is amiss where power grows by the gear ratio with torque × speed."""
     slope = balance.slope
+    ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
+    ratio = ratios.pop() if len(ratios) == 1 else 1.0
     size = max(ratio, 1 / ratio)
     if not (size > _GEARED and balance.share > _HINTED and 2 * balance.error < _SHARP * slope):
         return None
@@ -149,7 +161,7 @@ def _gear_finding(
             f"gear_ratio {ratio:g}: torque of the motor's shaft, which is not multiplied by it"
             f'{other}? Multiply it, beside its unit'
         )
-        return Finding('power_units', 'error', drive, text, f'torque: {{scale: {ratio:g}}}')
+        return Finding('power_units', 'error', drive, text, card.scaled(drive, 'torque', ratio))
     if (agree or not meaning) and _USUAL[0] < slope * ratio < _USUAL[1]:
         cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
         if agree:
