@@ -212,8 +212,10 @@ class _Checker:
             largest = float(np.nanmax(np.abs(values), initial=0.0))
             if largest > most:
                 unit = quantity[0].upper().replace('C', 'A')
-                text = f'{quantity} reaches {largest:.4g} {unit}: m{unit}?'
-                self._find('units', 'error', name, text, f'{quantity}: {{unit: m{unit}}}')
+                given = self._recording.card.unit_of(name, quantity) == f'm{unit}'
+                text = f'{quantity} reaches {largest:.4g} {unit}: ' + ('µ' if given else 'm')
+                mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
+                self._find('units', 'error', name, f'{text}{unit}?', mend)
         power = electric.power[:, column]
         if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
             self.findings.append(volts)
