@@ -99,6 +99,12 @@ def test_a_drive_that_is_not_there_is_refused():
         delay_of(recording(), 'RF_KFE')
 
 
+def test_a_recording_whose_drives_have_no_meter_of_their_own_is_refused_with_what_to_do():
+    joints = recording().joint_states()
+    with pytest.raises(InputError, match='give voltage and current in the map in place of supply'):
+        summarise(Recording.in_memory('log', {'joint_states': joints}))
+
+
 def test_jumps_of_command_are_events_of_known_time():
     late, period = 0.0032, 0.6437
     times = np.arange(0, SECONDS, 0.0025)

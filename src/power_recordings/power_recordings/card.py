@@ -71,7 +71,7 @@ class Card:
 
     @property
     def imported(self) -> Mapping[str, Any]:
-        """Notes of an import: from, map, columns, positive, velocity, formulas, notes."""
+        """Notes of an import: from, map, columns, units, scales, positive, velocity, formulas."""
         found = self.other.get('imported')
         return found if isinstance(found, Mapping) else {}
 
@@ -86,12 +86,33 @@ class Card:
         derived = quantity == 'velocity' and drive in self.derived_velocity
         return columns is not None and quantity not in columns and not derived
 
+    def unit_of(self, drive: str, quantity: str) -> str:
+        """Return the unit of an imported signal in the log, '' if unknown, `other` of no name.
+
+        drive: '' for the supply; of a quantity that the supply does not have, for all drives.
+        """
+        found = self._all('units', drive, quantity)
+        return str(found.pop()) if len(found) == 1 else 'other' if found else ''
+
+    def scaled(self, drive: str, quantity: str, factor: float) -> str:
+        """Return the line of an import map that multiplies a signal once more; '': of all."""
+        found = self._all('scales', drive, quantity)
+        given = found.pop() if len(found) == 1 else 1.0
+        size = factor * given if isinstance(given, float) else factor
+        return f'{quantity}: {{scale: {size:.4g}}}'
+
     def turned_meter(self, drive: str) -> str:
         """Return the line of an import map that turns the sign of a drive's meter; '': of all."""
         given = self._noted('positive', drive) or {'current': 'drawn'}
         quantity, sign = next(iter(given.items()))
         line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'
         return line if drive else f'supply: {{{line}}}'
+
+    def _all(self, what: str, drive: str, quantity: str) -> set[Any]:
+        of = self.imported.get(what)
+        drives = [drive] if drive else of if isinstance(of, Mapping) else ()
+        noted = [self._noted(what, name) or {} for name in drives]
+        return {own[quantity] for own in noted if quantity in own}
 
     def _noted(self, what: str, drive: str) -> Mapping[str, Any] | None:
         of_drive = self.imported.get(what)

@@ -199,6 +199,7 @@ def test_list_prints_columns_and_a_map_that_can_be_used_at_once(tmp_path, capsys
     assert main([str(log), '--list']) == 0
     listed = capsys.readouterr().out
     assert 'knee_pos' in listed
+    assert '  changes\n' in listed  # a table has one rate, that of its time
     assert run(log, listed, tmp_path / 'bag') == 0
 
 

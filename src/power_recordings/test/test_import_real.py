@@ -57,7 +57,7 @@ def test_real_logs_are_imported_and_found_fit_to_be_judged(
         ('motor_pos.*, unit: rev', 'motor_pos.*, unit: rad', 'velocity_units', 'position'),
         ('unit: rev/s', 'unit: rad/s', 'velocity_units', 'velocity: {unit: rev/s}'),
         ('unit: rev/s', 'unit: rpm', 'velocity_units', 'velocity: {unit: rev/s}'),
-        ('0.02506', '-0.02506', 'power_units', 'torque: {scale: -1}'),
+        ('0.02506', '-0.02506', 'power_units', 'torque: {scale: 0.02506}'),
         (
             'bus_current.*, unit: A',
             'bus_current.*, unit: kA',

@@ -193,6 +193,57 @@ def test_both_sides_of_a_gear_are_kept(tmp_path):
     assert data.rows(slice(5)).motor_current.shape == (5, 1)
 
 
+@pytest.mark.parametrize('comment', ['# units: ms, rpm, N*mm, mA', '% [ms], [rpm], [N*mm], [mA]'])
+def test_units_in_a_comment_above_the_head_are_those_of_its_columns(tmp_path, comment):
+    (tmp_path / 'log.csv').write_text(f'# bench, 2, b, 1\n{comment}\n{lines(bench())}')
+    head = DelimitedFile(tmp_path / 'log.csv').dialect.head
+    assert head.names == tuple(HEAD.split(','))
+    assert head.units == ('ms', 'rpm', 'N*mm', 'mA')
+
+
+COMMON = """
+format: import/1
+time: {column: t, unit: s}
+drives:
+  KNEE: {velocity: {from: w, unit: rad/s}, torque: {from: trq, unit: N*m}}
+  HIP:
+    velocity: {from: w, unit: rad/s}
+    torque: {from: trq, unit: N*m}
+    temperature: {from: warm, unit: degC}
+supply: {voltage: {value: 24, unit: V}, current: {from: i, unit: A}}
+"""
+
+
+def test_a_winding_temperature_of_a_drive_on_a_common_meter_is_kept(tmp_path):
+    rows = np.c_[bench(), 30 + bench()[:, 0]]
+    recording = imported(tmp_path, lines(rows, f'{HEAD},warm'), COMMON)
+    assert not recording.has('drive_supply')
+    assert recording.motor_temperature().names == ('HIP',)
+    data = load_aligned([recording], rate=50.0, need_power=False)
+    assert np.isnan(data.temperature[:, 0]).all()
+    np.testing.assert_allclose(
+        data.temperature[:, 1], 30 + data.time - recording.start_ns / 1e9, atol=0.01
+    )
+
+
+def test_a_winding_temperature_beside_drives_with_meters_of_their_own_is_kept(tmp_path):
+    metered = """
+  KNEE:
+    velocity: {from: w, unit: rad/s}
+    torque: {from: trq, unit: N*m}
+    temperature: {from: cool, unit: degC}
+    voltage: {value: 24, unit: V}
+    current: {from: i, unit: A}
+"""
+    rows = np.c_[bench(), 30 + bench()[:, 0], 20 + bench()[:, 0]]
+    mapping = COMMON.replace(COMMON.splitlines(keepends=True)[4], metered.lstrip('\n'))
+    recording = imported(tmp_path, lines(rows, f'{HEAD},warm,cool'), mapping)
+    data = load_aligned([recording], rate=50.0)
+    since = data.time - recording.start_ns / 1e9
+    expected = np.stack([20 + since, 30 + since], axis=1)
+    np.testing.assert_allclose(data.temperature, expected, atol=0.15)  # a value each 0.1 s
+
+
 def test_a_power_of_products_is_marked_as_computed(tmp_path):
     rows = np.c_[bench(), 10 + bench()[:, 1], bench()[:, 2]]
     mapping = BENCH.replace(

@@ -155,6 +155,27 @@ def test_a_far_slope_of_a_small_share_of_the_power_is_warned_of_without_a_gear_r
     assert "not by about 1: another unit, or torque of the motor's shaft?" in text
 
 
+def test_a_far_slope_is_not_warned_of_where_more_of_the_power_is_left_unexplained(tmp_path):
+    """A drive that holds a load: what its power follows but torque and speed hides the slope."""
+    loud = 2.0 * np.random.default_rng(0).normal(size=len(TIME))
+    power = 7.0 * 0.01 * TORQUE * SPEED + 0.06 * TORQUE**2 + 8.0
+    for noise, expected in ((0.0, ['power_slope']), (loud, [])):
+        bag = recording(power + noise, 0.1, 0.1)
+        codes = [f.code for f in check_recording(bag).findings if f.code == 'power_slope']
+        assert codes == expected
+
+
+@pytest.mark.parametrize('scale', [1e2, 1e3])
+def test_a_shaft_of_many_times_the_power_that_hardly_moves_it_is_warned_of(scale):
+    """N·cm or mN·m taken for N·m, of a drive whose power goes into heat."""
+    power = TORQUE * SPEED / scale + 0.02 * TORQUE**2 + 0.3
+    balance = power_balance(power, TORQUE, SPEED)
+    assert 3 < balance.shaft / balance.power < 10
+    (found,) = [power_finding('KNEE', balance, Card())]
+    assert found.severity == 'warning'
+    assert 'another unit of torque or speed (N·cm, mN·m?)' in found.text
+
+
 def test_friction_that_heats_the_winding_in_slow_motion_is_no_error_of_units():
     slow = 0.03 * SPEED * (1 + 0.3 * np.sin(0.11 * TIME))
     load = 45.0 + 10.0 * np.sin(1.3 * TIME)

@@ -22,7 +22,7 @@ def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path
         (('', ''), None, ''),
         (('unit: rpm', 'unit: rev/s'), 'velocity_units', 'velocity: {unit: rpm}'),
         (('unit: rev}', 'unit: rad}'), 'velocity_units', 'position: {unit: rev}'),
-        (('scale: 0.5', 'scale: -0.5'), 'power_units', 'torque: {scale: -1}'),
+        (('scale: 0.5', 'scale: -0.5'), 'power_units', 'torque: {scale: 0.5}'),
         (('positive: fed', 'positive: drawn'), 'power_units', 'current: {positive: fed}'),
     ):
         run(log, MAP.replace(*change) if change[0] else MAP, tmp_path / 'bag', '--overwrite')
@@ -36,6 +36,33 @@ def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path
             assert errors[0].mend == mend
 
 
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'mend'),
+    [
+        (('rev', 'rpm'), ('rev', 'deg/s'), 'velocity: {unit: rpm}'),
+        (('rev', 'rpm'), ('deg', 'rpm'), 'position: {unit: rev}'),
+        (('deg', 'deg/s'), ('deg', 'rpm'), 'velocity: {unit: deg/s}'),
+        (('deg', 'rad/s'), ('deg', 'deg/s'), 'velocity: {unit: rad/s}'),
+        (('deg', 'rpm'), ('rev', 'rpm'), 'position: {unit: deg}'),
+    ],
+)
+def test_a_finding_never_advises_what_the_map_has(tmp_path, right, wrong, mend):
+    log = csv(tmp_path / 'log.csv', table(2000) * np.array([1.0, *_sizes(right), 1.0, 1.0]))
+    mapping = MAP.replace('unit: rev}', f'unit: {wrong[0]}}}').replace(
+        'unit: rpm', f'unit: {wrong[1]}'
+    )
+    assert run(log, mapping, tmp_path / 'bag') == 0
+    (found,) = [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
+    assert found.mend == mend
+
+
+def _sizes(units):
+    """Return what turns and rpm are in other units."""
+    return [
+        {'rev': 1.0, 'deg': 360.0, 'rpm': 1.0, 'deg/s': 6.0, 'rad/s': np.pi / 30}[u] for u in units
+    ]
+
+
 def test_units_are_named_by_the_factor_that_they_make(tmp_path):
     rows = table(2000)
     rows[:, 3] = np.cos(3 * rows[:, 0] / 1e3)  # A
@@ -45,7 +72,7 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         ('degrees a second', (1, 360 / 60, 1), ('velocity_units', 'degrees per second')),
         ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
         ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
-        ('milliamperes', (1, 1, 1e3), ('power_units', 'current is in mA?')),
+        ('milliamperes', (1, 1, 1), ('power_units', 'current is in mA?')),
         ('fed', (1, 1, -1), ('power_units', "the meter's sign is wrong")),
     ):
         changed = rows.copy()
@@ -55,6 +82,8 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         mapping = MAP
         if name == 'degrees a second':
             mapping = mapping.replace('unit: rpm', 'unit: rad/s')
+        if name == 'milliamperes':
+            mapping = mapping.replace('unit: mA', 'unit: A')
         if name == 'degrees':
             mapping = mapping.replace('unit: rev}', 'unit: rad}')
         log = csv(tmp_path / 'log.csv', changed)

@@ -208,6 +208,11 @@ def summarise(
     progress: is called with the present step as text. InputError for an unknown drive, or where no
     drive was measured for 3 s.
     """
+    if not recording.has('drive_supply'):
+        raise InputError(
+            f'{recording.path}: no drive_supply: sync holds the meter of a drive against its '
+            'motion; of a lone drive, give voltage and current in the map in place of supply'
+        )
     measured = recording.drive_supply().names
     joints = recording.joint_states().names
     if drives is None:

@@ -65,7 +65,11 @@ class RecordedSignals:
         nothing = np.full((len(grid), count), np.nan, np.float32)
         result['command'] = nothing if self.commands is None else held(*self.commands, grid)
         result['supply'] = np.full((len(grid), 1), np.nan, np.float32)
-        return {**result, **{name: values(stream, grid) for name, stream in self.others.items()}}
+        others = {name: values(stream, grid) for name, stream in self.others.items()}
+        for name in result.keys() & others.keys():  # of drives that have no meter
+            own = result[name]
+            others[name] = np.where(np.isnan(own), others[name], own)
+        return {**result, **others}
 
 
 class SignalCollector:
@@ -285,6 +289,10 @@ class SignalCollector:
         wanted: dict[str, tuple[str, Callable[[Any], Singles]]] = {
             'supply': ('supply', lambda samples: samples.power[:, None]),
             'motor_current': ('motor_current', lambda s: self._by_drive(s.names, s.current)),
+            'temperature': (
+                'motor_temperature',
+                lambda s: self._by_drive(s.names, s.temperature),
+            ),
             'foot_force': ('foot_force', _force_by_foot),
             'orientation': ('imu', lambda samples: _continuous(samples.orientation)),
             'angular_velocity': ('imu', attrgetter('angular_velocity')),

@@ -99,15 +99,17 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
         lines.append(f'# {printable(str(other.path))}: {same}')
     lines += [f'# rows, min, max, changes: {part}'] if (part := extent(listed)) else []
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
-    lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
+    timed = any(item.rate > 0 for item in listed)
+    rates = '    rate' if timed else ''
+    lines.append(f'# {"column":{width}}  unit     rows        min        max  changes{rates}')
     for item in listed:
-        rate = '' if np.isnan(item.rate) else f'{item.rate:.4g} Hz'
+        rate = f' {item.rate:6.4g} Hz' if item.rate > 0 else ''
         digits = 10 if item.low < item.high and f'{item.low:.4g}' == f'{item.high:.4g}' else 4
         low, high = ('' if np.isnan(x) else f'{x:z.{digits}g}' for x in (item.low, item.high))
         name, unit = printable(item.column.address, 120), printable(item.column.unit, 12)
         lines.append(
             f'# {name:{width}}  {unit:5} {item.rows:8d} {low:>10} {high:>10} '
-            f'{item.changes:7.0%} {rate:>9}'
+            f'{item.changes:7.0%}{rate}'
         )
     lines += [f'# the ready map {name} fits: --map {name}' for name in fitting_maps(source)]
     if sum(is_number(item.column.address) for item in listed) > 0.5 * len(listed):

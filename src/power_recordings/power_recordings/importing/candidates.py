@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -32,7 +32,8 @@ _ELECTRONICS = (
 _OTHER = (
     r'scaling|fraction|limits?|mode|errors?|faults?|status|bits?|register|samples?|tool|tcp|force|'
     r'accelerometer|acc|imu|gnss|inertia|computed|momentum|receive|accuracy|hours|levels?|'
-    r'ambient|umgebung|room|coolant|tacho|index|count(er)?s?|max|min|serial|pwm|duty|gain|t_ff'
+    r'ambient|umgebung|room|coolant|tacho|index|count(er)?s?|max|min|serial|pwm|duty|gain|t_ff|'
+    r'(sampl\w*|flow|frame|loop|refresh|update)_rate'
 )
 """Words of columns that tell nothing of what is wanted."""
 # The first expression that fits decides; among columns of one quantity, the earlier is better.
@@ -56,7 +57,7 @@ _RULES: Final = (
     ('loss', r'loss'),
     ('command', rf'{WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)[pq](_|$)).*{WANTED}'),
     ('', rf'{WANTED}'),
-    ('', rf'(^|_){_ELECTRONICS}(_|$).*temp|temp.*(^|_){_ELECTRONICS}(_|$)'),
+    ('', rf'(^|_){_ELECTRONICS}(_|$).*(temp|ntc)|(temp|ntc).*(^|_){_ELECTRONICS}(_|$)'),
     ('supply_voltage', r'robot.*volt'),
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
@@ -68,6 +69,7 @@ _RULES: Final = (
         r'|(?<!fet_)(^|_)temp.*(winding|motor)|motor_thermistor',
     ),
     ('temperature', r'(^|_)temp|(^|_)t_(housing|case|geh)'),
+    ('temperature', r'(^|_)(ntc|ptc|kty)(_|$)|(^|_)(coil|winding|wdg|stator)_c$'),
     (
         'voltage',
         rf'{_DC}.*(volt|_v(_|$))|v_?bus|(^|_)([uv]_?{_AT}|dc_?[uv])(_|$)|volt\w*_(dc|in)(_|$)',
@@ -96,7 +98,8 @@ _RULES: Final = (
     ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
     ('position', r'(pos|angle|theta|(^|_)q(_|$)|^phi(_|$))'),
     ('torque', r'^m(_|$)'),
-    ('velocity', r'^n(_[a-z]+)?$'),
+    ('velocity', r'^n(_[a-z]+)?$|(^|_)rate(_|$)'),
+    ('position', r'(^|_)(ang|enc|encoder)(_|$)'),
 )
 _VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)[uv](_|$)'))  # from here not whose it is
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
@@ -166,8 +169,33 @@ def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
     found = [c for item in listed if (c := _candidate(item)) is not None]
     angles = [c for c in found if is_mere_angle(c)]
     found = _by_word(_by_number([_held(c, found) for c in found if not is_mere_angle(c)]))
-    alone = len(angles) == 1 and not any(c.drive or c.quantity == 'position' for c in found)
-    return [*found, *angles] if alone else found
+    drives = {c.drive for c in found} - {''}
+    found, angles = ([_named(c, drives) for c in part] for part in (found, angles))
+    names = {item.column.address for item in listed}
+    found = [c for c in found if not _of_phase(c, names)]
+    placed = [c.drive for c in (*found, *angles) if c.quantity == 'position']
+    return [
+        *found,
+        *(c for c in angles if bool(c.drive) == bool(drives) and placed.count(c.drive) == 1),
+    ]
+
+
+def _of_phase(candidate: CandidateColumn, names: Set[str]) -> bool:
+    """Tell whether names of no drive go on from A to C, as those of three phases do."""
+    start, end = candidate.address[:-1], candidate.address[-1]
+    phases = 'ABC' if end.isupper() else 'abc'
+    electric = not candidate.drive and candidate.quantity in ('voltage', 'current', 'temperature')
+    return electric and end in phases and {f'{start}{phase}' for phase in phases} <= names
+
+
+def _named(candidate: CandidateColumn, drives: Set[str]) -> CandidateColumn:
+    """Give a column without a drive to the only one that its name tells."""
+    key = drive_key(candidate.address)
+    said = {word.upper() for word in words(_stem(candidate.address)).split('_')}
+    own = drives & (said | {key, f'DRIVE_{key}'} - {''})
+    return (
+        replace(candidate, drive=min(own)) if len(own) == 1 and not candidate.drive else candidate
+    )
 
 
 def is_mere_angle(candidate: CandidateColumn) -> bool:
@@ -275,8 +303,7 @@ def _by_word(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
         for c in found:
             *rest, word = names[c.address] if place else names[c.address][::-1]
             kinds[word].add(c.quantity)
-            if rest:
-                rows[c.quantity, *rest].append(c)
+            rows[c.quantity, *rest].append(c)
         several: dict[str, set[str]] = defaultdict(set)
         for (quantity, *_), row in rows.items():
             if quantity in _MOTION and len(row) > 1 and not _coupled(row):

@@ -19,18 +19,28 @@ from power_recordings.importing.origin import origin_of_power
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
+from power_recordings.importing.units import conversion
 from power_recordings.messages import cdr
 from power_recordings.messages.topics import KINDS
+from power_recordings.quality.causes import UNITS, common_name
 from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
 
 Messages = NDArray[np.uint8]
 Values = dict[tuple[str, str], Floats]  # [N] by drive and quantity
 Written = dict[str, tuple[Stamps, Values]]
-TOPICS = ('joint_states', 'motor_current', 'joint_commands', 'drive_supply', 'supply')
+TOPICS = (
+    'joint_states',
+    'motor_current',
+    'motor_temperature',
+    'joint_commands',
+    'drive_supply',
+    'supply',
+)
 
 _JOINT_FIELDS = {
     'joint_states': ('position', 'velocity', 'torque'),
     'motor_current': ('', '', 'motor_current'),
+    'motor_temperature': ('', '', 'temperature'),  # of drives without a meter of their own
     'joint_commands': ('command', '', ''),
 }
 """Quantities that are position, velocity and effort of a message."""
@@ -58,6 +68,9 @@ class _Writer:
         self._of_joints = {
             'joint_states': tuple(plan.drives),
             'motor_current': _having(plan, 'motor_current'),
+            'motor_temperature': tuple(
+                drive for drive in _having(plan, 'temperature') if drive not in self.measured
+            ),
             'joint_commands': _having(plan, 'command'),
         }
         self.counts = dict.fromkeys(TOPICS, 0)
@@ -290,6 +303,8 @@ def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
     for drive, channels in plan.drives.items():
         for quantity, channel in channels.items():
             topic = of_joints.get(quantity, 'drive_supply')
+            if topic == 'motor_temperature' and drive in measured:
+                topic = 'drive_supply'
             if topic != 'drive_supply' or drive in measured:
                 parts[topic].append((drive, channel))
     parts['supply'] = [('', channel) for channel in plan.supply.values()]
@@ -297,6 +312,20 @@ def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
         name: ChannelGroup(channels, derived=plan.derived if name == 'joint_states' else ())
         for name, channels in parts.items()
         if channels
+    }
+
+
+def _units(plan: ImportPlan) -> dict[str, dict[str, str]]:
+    """Return the units of the map or the log by drive ('' of the supply and time) and quantity."""
+    given = {
+        drive: {q: c.unit for q, c in own.items() if c.unit and q in UNITS}
+        for drive, own in {**plan.drives, '': plan.supply}.items()
+    }
+    if plan.time:
+        given['']['time'] = plan.time[0][1]
+    return {
+        drive: {q: common_name(q, conversion(unit, q).factor) for q, unit in own.items()}
+        for drive, own in given.items()
     }
 
 
@@ -321,6 +350,11 @@ def _card(
             'from': [source.path.name for source in sources],
             'map': where,
             'columns': plan.columns(),
+            'units': _units(plan),
+            'scales': {
+                drive: {q: float(c.scale) for q, c in own.items() if c.scale != 1.0}
+                for drive, own in plan.drives.items()
+            },
             'positive': {
                 drive: {q: c.positive for q, c in own.items() if q in ('current', 'power')}
                 for drive, own in {**plan.drives, '': plan.supply}.items()

@@ -11,9 +11,9 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-from power_recordings.importing.candidates import CandidateColumn
+from power_recordings.importing.candidates import CandidateColumn, is_mere_angle
 from power_recordings.importing.units import conversion
-from power_recordings.quality.physics import solve
+from power_recordings.quality.physics import solve, velocity_slope
 
 # Of a speed that states no unit: the most W of power for a W of torque × speed. What is less than
 # 0.45 W in rad/s is 4.3 W in rpm: the losses of a drive that mostly holds; and of one that drives
@@ -30,6 +30,9 @@ _RANK: Final = 0.02  # R² that makes up for a place in the list
 _MECHANICAL: Final = 0.9998  # R² of a power that is torque × speed itself
 _SAME: Final = 0.999  # R² of a torque that is a current times a constant
 _FEWEST: Final = 30  # rows
+_ANGLES: Final = ('rad', 'deg', 'rev')
+_ALIKE: Final = 1.1  # times a velocity may be off the rate of its position
+_FOLLOWS: Final = 0.9  # their correlation
 _MOVED: Final = 0.2  # share of the power's variance
 
 
@@ -180,6 +183,39 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
         return None
     ahead = shaft[np.abs(shaft) > _SHOWN * np.abs(shaft).max()] * (-1 if turned == 'torque' else 1)
     return _Fit(slope, r2, turned, float(np.mean(ahead > 0)) > _DRIVES)
+
+
+def follows(position: CandidateColumn, velocity: CandidateColumn) -> bool:
+    """Tell whether a position that lacks a unit or a name moves as the velocity says."""
+    told = position.unit and not is_mere_angle(position)
+    if told or len(position.values) != len(velocity.values):
+        return True
+    steps, middle = np.diff(position.values), velocity.values[1:]
+    good = np.isfinite(steps) & np.isfinite(middle)
+    good &= np.abs(steps) <= np.percentile(np.abs(steps[good]), 99) if good.any() else good
+    if good.sum() < 20 or not np.var(steps[good]) > 0 or not np.var(middle[good]) > 0:
+        return True
+    return bool(abs(np.corrcoef(steps[good], middle[good])[0, 1]) > 0.5)
+
+
+def unit_by_rate(
+    time: Floats, position: CandidateColumn, velocity: CandidateColumn, angle: str, speed: str
+) -> str:
+    """Return the unit that makes a velocity the rate of a position, '' if none does.
+
+    time: s [N]. angle, speed: unit of the position and of the velocity; '' for the one wanted.
+    """
+    if not len(time) == len(position.values) == len(velocity.values):
+        return ''
+    found = velocity_slope(time, position.values, velocity.values)
+    if found is None or found.correlation < _FOLLOWS:
+        return ''
+    speeds = (speed,) if speed else ('rad/s', 'deg/s', 'rpm', 'rev/s')
+    for one, other in product((angle,) if angle else _ANGLES, speeds):
+        ratio = conversion(other, 'velocity').factor / conversion(one, 'position').factor
+        if 1 / _ALIKE < found.slope * ratio < _ALIKE:
+            return other if angle else one
+    return ''
 
 
 def made_of_current(

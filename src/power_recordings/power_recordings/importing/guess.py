@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
 from power_recordings.importing.candidates import (
@@ -15,25 +16,27 @@ from power_recordings.importing.candidates import (
     WANTED,
     CandidateColumn,
     candidates,
-    is_mere_angle,
 )
 from power_recordings.importing.evidence import (
     ByQuantity,
     Choice,
     choose,
     companion,
+    follows,
     made_of_current,
     metered_pair,
+    unit_by_rate,
 )
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
-from power_recordings.importing.time_guess import time_line, yaml_text
+from power_recordings.importing.time_guess import row_times, time_line, yaml_text
 from power_recordings.importing.units import SI
 from power_recordings.importing.words import words
 
 _GUESSED_UNIT: Final = {**SI, 'efficiency': '1'}
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
 _RADIANS: Final = 16 * np.pi  # that an angle without unit may reach before it counts as degrees
+_BY_RATE: Final = 'unit by physics: velocity is then the rate of the position'
 _ODRIVE: Final = 'named as by an ODrive, which counts turns: check'
 _OF_ODRIVE: Final = r'(^|_)(fet_temp|fet_thermistor)|(pos|vel)_estimate'
 _POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is known by
@@ -76,6 +79,7 @@ _NO_POWER: Final = (
     '    # current: {from: COLUMN, unit: A}   # no column looks like that of a supply; or power: '
     '{from: COLUMN, unit: W}'
 )
+_UNUSED: Final = '  # not used: {}. Of another drive? Give it an entry; a common meter is a supply'
 _METERED: Final = ('voltage', 'current', 'power')
 _OTHERS: Final = 2  # candidates that are named beside the one that was taken
 
@@ -113,11 +117,14 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     lines.append('drives:')
     in_turns = any(re.search(_OF_ODRIVE, words(one.column.address)) for one in listed)
     along = next(filter(None, map(_along, listed)), '')
-    made = {name or 'DRIVE': _Drive(q, shared, in_turns, along) for name, q in drives.items()}
+    time = row_times(found)
+    made = {n or 'DRIVE': _Drive(q, shared, in_turns, along, time) for n, q in drives.items()}
     chosen = [drive.choice for drive in made.values() if drive.choice is not None]
     best = max(chosen, key=lambda choice: choice.score, default=None)
     supply = _supply_lines(whole)
     bodies = {name: drive.lines(best, bool(supply)) for name, drive in made.items()}
+    if len(made) == 1:
+        lines += next(iter(made.values())).unused()
     for name, body in _folded(bodies).items():
         lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:']
         lines += body
@@ -131,8 +138,10 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
 class _Drive:
     """The lines of one drive: its own columns, and those that no drive owns."""
 
-    def __init__(self, own: ByQuantity, shared: ByQuantity, in_turns: bool, along: str) -> None:
-        self._in_turns, self._along = in_turns, along
+    def __init__(
+        self, own: ByQuantity, shared: ByQuantity, in_turns: bool, along: str, time: Floats
+    ) -> None:
+        self._in_turns, self._along, self._time = in_turns, along, time
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
@@ -179,7 +188,11 @@ class _Drive:
             del taken[quantity]
         if not _POWERS & set(taken):
             taken.pop('voltage', None)
-        if 'velocity' in taken and 'position' in taken and not _follows(taken):
+        if (
+            'velocity' in taken
+            and 'position' in taken
+            and not follows(taken['position'], taken['velocity'])
+        ):
             taken.pop('position')
         return taken
 
@@ -229,6 +242,13 @@ class _Drive:
         elif not metered and not _POWERS & set(self._taken):
             lines.append(_NO_POWER)
         return lines
+
+    def unused(self) -> list[str]:
+        """Return a comment on columns of motion that seem to be of another drive, [] if none."""
+        taken = self._taken.values()
+        left = [c for q in JOINT for c in self._own.get(q, ()) if not c.held and c not in taken]
+        several = len({c.quantity for c in left}) > 1
+        return [_UNUSED.format(printable(', '.join(c.address for c in left)))] if several else []
 
     def _line(self, quantity: str, taken: CandidateColumn) -> str:
         notes = [taken.why]
@@ -289,14 +309,29 @@ class _Drive:
             if other == taken:
                 return unit, f'unit by physics: in {unit} {self.choice.why}'
             return unit, f'unit as of {printable(other.address)}'
-        return ('rev/s', _ODRIVE) if self._in_turns else ('rad/s', 'unit not stated: check')
+        if self._in_turns:
+            return 'rev/s', _ODRIVE
+        position = self._taken.get('position')
+        angle = '' if position is None else position.unit or self._angle_unit(position)[0]
+        by_rate = self._by_rate(angle, '')
+        return (by_rate, _BY_RATE) if by_rate else ('rad/s', 'unit not stated: check')
+
+    def _by_rate(self, angle: str, speed: str) -> str:
+        position, velocity = self._taken.get('position'), self._taken.get('velocity')
+        if position is None or velocity is None or not (angle or speed):
+            return ''
+        return unit_by_rate(self._time, position, velocity, angle, speed)
 
     def _angle_unit(self, taken: CandidateColumn) -> tuple[str, str]:
-        if _RADIANS < taken.listed.high <= _TURN:
-            return 'deg', 'unit by its range'
         velocity = self._taken.get('velocity')
-        if self.choice is not None and self.choice.velocity == velocity and not velocity.unit:
-            return self.choice.speed_unit.removesuffix('/s').replace('rpm', 'rev'), 'as the speed'
+        choice = self.choice if self.choice and self.choice.velocity == velocity else None
+        speed = choice.speed_unit if choice else velocity.unit if velocity else ''
+        if taken.quantity == 'position' and (by_rate := self._by_rate('', speed)):
+            return by_rate, _BY_RATE
+        if _RADIANS < max(taken.listed.high, -taken.listed.low) <= _TURN:
+            return 'deg', 'unit by its range'
+        if choice is not None and not choice.velocity.unit:
+            return choice.speed_unit.removesuffix('/s').replace('rpm', 'rev'), 'as the speed'
         return ('rev', _ODRIVE) if self._in_turns else ('rad', 'unit not stated: check')
 
     def _at(self, taken: CandidateColumn) -> tuple[str, str]:
@@ -332,20 +367,6 @@ def _velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
         'voltage': [c for c in volts if c != v],
         'velocity': [replace(v, quantity='velocity')],
     }
-
-
-def _follows(taken: Mapping[str, CandidateColumn]) -> bool:
-    """Tell whether a position that lacks a unit or a name moves as the velocity says."""
-    position, velocity = taken['position'], taken['velocity']
-    told = position.unit and not is_mere_angle(position)
-    if told or len(position.values) != len(velocity.values):
-        return True
-    steps, middle = np.diff(position.values), velocity.values[1:]
-    good = np.isfinite(steps) & np.isfinite(middle)
-    good &= np.abs(steps) <= np.percentile(np.abs(steps[good]), 99) if good.any() else good
-    if good.sum() < 20 or not np.var(steps[good]) > 0 or not np.var(middle[good]) > 0:
-        return True
-    return bool(abs(np.corrcoef(steps[good], middle[good])[0, 1]) > 0.5)
 
 
 def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:

@@ -42,6 +42,8 @@ class LogChannel:
     conversion: Conversion
     value: float = np.nan
     positive: str = 'drawn'  # in the map
+    unit: str = ''  # in the map or in the log
+    scale: float = 1.0  # in the map
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -288,7 +290,9 @@ def _channel(
                 f'{where}: at: motor; give gear_ratio, motor turns to one of the joint'
             )
         convert = Conversion(convert.factor / gear_ratio, convert.offset / gear_ratio)
-    return LogChannel(quantity, terms, convert, positive=signal.positive)
+    unit = '' if quantity == 'torque' and unit in ('A', 'mA') else unit
+    scale = 1.0 if signal.scale is None else signal.scale
+    return LogChannel(quantity, terms, convert, np.nan, signal.positive, unit, scale)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:

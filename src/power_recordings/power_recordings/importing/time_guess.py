@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
 from power_recordings.importing.candidates import CandidateColumn
@@ -44,7 +45,7 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
             'time: {steady: true}   # no column looks like a time: each row an operating point; '
             'of a log at a fixed rate: {rate: 100}'
         )
-    best = min(times, key=lambda c: (_counts(c), -round(c.listed.changes, 1), len(c.address)))
+    best = _best(times)
     unit, why = (best.unit, '') if best.unit else _time_unit(best)
     known = best.values[np.isfinite(best.values)]
     rows = len(known)
@@ -60,6 +61,19 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
     ]
     note = f'   # {"; ".join(notes)}' if notes else ''
     return f'time: {{column: {yaml_text(best.address)}, unit: {unit}}}{note}'
+
+
+def row_times(found: Sequence[CandidateColumn]) -> Floats:
+    """Return the times of the first rows, s [N], by the column that `time_line` takes; else []."""
+    times = [c for c in found if c.quantity == 'time' and _ascends(c)]
+    if not times:
+        return np.zeros(0)
+    unit = _best(times).unit or _time_unit(_best(times))[0]
+    return _best(times).values * _TIMES.get(unit, np.nan)
+
+
+def _best(times: Sequence[CandidateColumn]) -> CandidateColumn:
+    return min(times, key=lambda c: (_counts(c), -round(c.listed.changes, 1), len(c.address)))
 
 
 def _ascends(candidate: CandidateColumn) -> bool:

@@ -93,6 +93,14 @@ class MotorCurrentSamples(Samples):
 
 
 @dataclass(frozen=True)
+class MotorTemperatureSamples(Samples):
+    """Winding temperatures of D motors without a meter of their own."""
+
+    names: tuple[str, ...]
+    temperature: Singles  # °C [N, D]
+
+
+@dataclass(frozen=True)
 class FootForceSamples(Samples):
     """Normal forces of F feet."""
 

@@ -17,6 +17,7 @@ from power_recordings.messages.samples import (
     ImuSamples,
     JointSamples,
     MotorCurrentSamples,
+    MotorTemperatureSamples,
     OdomSamples,
     Samples,
     SupplySamples,
@@ -120,15 +121,16 @@ KINDS: Mapping[str, Kind] = {
     ),
     'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
     'motor_current': _by_name(MotorCurrentSamples, 'effort'),
+    'motor_temperature': _by_name(MotorTemperatureSamples, 'effort'),
     'foot_force': _by_name(FootForceSamples, 'effort'),
 }
 
 
 TYPES: Mapping[str, str] = {
-    **{name: kind.type_name for name, kind in KINDS.items() if name != 'motor_current'},
+    **{name: kind.type_name for name, kind in KINDS.items() if not name.startswith('motor_')},
     'diagnostics': cdr.DIAGNOSTIC_ARRAY,
 }
-"""Types of the topics that nodes of the suite publish; a motor's current is from logs alone."""
+"""Types of the topics that nodes of the suite publish; `motor_…` are from logs alone."""
 
 
 def message_class(type_name: str) -> Any:

@@ -212,8 +212,10 @@ class _Checker:
             largest = float(np.nanmax(np.abs(values), initial=0.0))
             if largest > most:
                 unit = quantity[0].upper().replace('C', 'A')
-                text = f'{quantity} reaches {largest:.4g} {unit}: m{unit}?'
-                self._find('units', 'error', name, text, f'{quantity}: {{unit: m{unit}}}')
+                given = self._recording.card.unit_of(name, quantity) == f'm{unit}'
+                text = f'{quantity} reaches {largest:.4g} {unit}: ' + ('µ' if given else 'm')
+                mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
+                self._find('units', 'error', name, f'{text}{unit}?', mend)
         power = electric.power[:, column]
         if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
             self.findings.append(volts)
@@ -254,7 +256,7 @@ class _Checker:
         if found is None or abs(found.correlation) < least:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
-            self.findings.append(velocity_finding(name, found.slope))
+            self.findings.append(velocity_finding(name, found.slope, card))
         return found.slope
 
     def _power(
@@ -323,7 +325,7 @@ class _Checker:
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())
-            own = drive_findings(joints.names, apart) if apart else []
+            own = drive_findings(joints.names, apart, self._recording.card) if apart else []
             self._add(own or [power_finding('', balance, self._recording.card, agree)])
         return balance
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.card import Card
+from power_recordings.quality.causes import OF_POWER, OF_TORQUE, OF_VELOCITY, Cause, cause_of
 from power_recordings.quality.physics import DriveSlopes, ShaftBalance
 from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
@@ -35,62 +36,31 @@ class Finding:
 
 
 _OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
-_TOLERANCE: Final = 0.12
-_MILLI: Final = (1e3, 1e-3)  # slopes of power by mA or mN·m
-_WIDE: Final = 1.6  # times by which losses may take a slope off these
 _FED: Final = -0.1  # of the power (rms), losses below which no offset of a meter explains
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
+_BEYOND: Final = 100.0  # W per W of torque × speed: more than any loss makes
+_LARGE: Final = 3.0  # times the power, that torque × speed is of units that are likely wrong,
+_SMALL: Final = 0.1  # if power grows by less W with each W of it
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
-_TURN: Final = 2 * np.pi
-
-# What a velocity that is so many times the rate of the position is, and the line that mends it.
-_OF_VELOCITY: Final[Mapping[float, tuple[str, str]]] = {
-    _TURN: ('the position is in turns', 'position: {unit: rev}'),
-    1 / _TURN: ('it is in turns per second', 'velocity: {unit: rev/s}'),
-    60 / _TURN: ('it is in rpm', 'velocity: {unit: rpm}'),
-    60.0: ('it is in rpm, not turns per second', 'velocity: {unit: rpm}'),
-    1 / 60: ('it is in turns per second, not rpm', 'velocity: {unit: rev/s}'),
-    180 / np.pi: ('it is in degrees per second', 'velocity: {unit: deg/s}'),
-    np.pi / 180: ('the position is in degrees', 'position: {unit: deg}'),
-    6.0: ('the position is in degrees, it in rpm', 'position: {unit: deg}, velocity: {unit: rpm}'),
-    1000.0: ('times are in ms', 'time: {unit: ms}'),
-    1e6: ('times are in µs', 'time: {unit: us}'),
-    1e-3: ('times are in s, not ms', 'time: {unit: s}'),
-}
-# The same for power that grows by so many W with each W of torque × speed.
-_OF_POWER: Final[Mapping[float, tuple[str, str]]] = {
-    _TURN: ('speed is in turns per second', 'velocity: {unit: rev/s}'),
-    _TURN / 60: ('speed is in rpm', 'velocity: {unit: rpm}'),
-    60.0: ('speed is in turns per second, not rpm', 'velocity: {unit: rev/s}'),
-    1 / 60: ('speed is in rpm, not turns per second', 'velocity: {unit: rpm}'),
-    _TURN / 6e4: (
-        'speed is in rpm and torque in mN·m',
-        'velocity: {unit: rpm}, torque: {unit: mN*m}',
-    ),
-    np.pi / 180: ('speed is in degrees per second', 'velocity: {unit: deg/s}'),
-    1e-3: ('torque is in mN·m', 'torque: {unit: mN*m}'),
-    1000.0: ('current is in mA', 'current: {unit: mA}'),
-    1e6: ('current is in mA and voltage in mV', 'current: {unit: mA}, voltage: {unit: mV}'),
-}
-
-_TURNED: Final = 'torque: {scale: -1}'
+_RPM: Final = 2 * np.pi / 60
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
-_SCALES: Final = (np.sqrt(_TURN / 60), np.sqrt(_TURN))
+_SCALES: Final = (np.sqrt(_RPM), np.sqrt(60 * _RPM))
 
 
-def velocity_finding(drive: str, slope: float) -> Finding:
+def velocity_finding(drive: str, slope: float, card: Card) -> Finding:
     """Return the error, with a likely cause, that velocity is `slope` × rate of position."""
     text = f'velocity is {slope:.3g} times the rate of the position'
-    meaning, mend = _meaning(abs(slope), _OF_VELOCITY)
+    cause = cause_of(abs(slope), OF_VELOCITY, card, drive)
+    mend = cause.mend
     if slope < 0:
-        text += ': its sign is wrong' + (f', and {meaning}' if meaning else '')
-        mend = f'velocity: {{scale: {1 / slope:.4g}}}'
-    elif meaning:
-        text += f': {meaning}'
+        text += ': its sign is wrong' + (f', and {cause}' if cause else '')
+        mend = card.scaled(drive, 'velocity', 1 / slope)
+    elif cause:
+        text += f': {cause}'
     else:
         text += ': a gear between the two? Then gear_ratio, and at: motor for what is at the motor'
     return Finding('velocity_units', 'error', drive, text, mend)
@@ -106,17 +76,16 @@ def power_finding(
     if balance is None:
         return None
     slope, margin = balance.slope, 2 * balance.error
-    ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
-    ratio = ratios.pop() if len(ratios) == 1 else 1.0
-    if (geared := _gear_finding(drive, balance, ratio, agree)) is not None:
-        return geared
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
-    meaning, mend = _meaning(slope, _OF_POWER, _MILLI)
-    if not drive and mend.startswith('current'):
-        mend = f'supply: {{{mend}}}'
+    meaning = cause_of(slope, OF_POWER, card, drive)
+    mend = (
+        f'supply: {{{meaning.mend}}}' if not drive and 'current' in meaning.units else meaning.mend
+    )
+    if (geared := _gear_finding(drive, balance, card, agree, meaning)) is not None:
+        return geared
     if decided and slope < -margin:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'
-        whose, mend = 'a', _TURNED
+        whose, mend = 'a', card.scaled(drive, 'torque', -1)
         if balance.losses < _FED * balance.power:
             text += f', and the losses would be {balance.losses:.3g} W'
             whose, mend = "the meter's", card.turned_meter(drive)
@@ -128,7 +97,16 @@ def power_finding(
     if slope < -2 * margin and balance.share > _HINTED:
         text = f'power falls with torque × speed, {balance}: is a sign wrong?'
         return Finding('power_slope', 'warning', drive, text)
-    hinted = balance.share > _HINTED and slope > _SCALES[1] + margin
+    if balance.shaft > _LARGE * balance.power and abs(slope) + margin < _SMALL:
+        text = (
+            f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were '
+            f'metered, which grow by {slope:.2g} W with each W of it: another unit of torque or '
+            'speed (N·cm, mN·m?), or a spring that works beside the motor?'
+        )
+        mend = cause_of(slope, OF_TORQUE, card, drive).mend
+        return Finding('power_slope', 'warning', drive, text, mend)
+    told = balance.share > 1 - balance.r2 or slope > _BEYOND
+    hinted = told and balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or _USUAL[0] - margin < slope < _USUAL[1] + margin:
         return None
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
@@ -141,20 +119,22 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text)
     if not decided:
         text = f"{of_all}, not by about 1: another unit, or torque of the motor's shaft?"
-        return Finding('power_slope', 'warning', drive, text, 'torque: {scale: GEAR RATIO}')
+        mend = '' if card.gear_ratio else 'torque: {scale: GEAR RATIO}'
+        return Finding('power_slope', 'warning', drive, text, mend)
     text += ', not by about 1: a gear between, or two units at once? Check those of torque, speed'
     return Finding('power_units', 'error', drive, f'{text}, voltage and current.')
 
 
-def drive_findings(names: Sequence[str], found: DriveSlopes) -> list[Finding]:
+def drive_findings(names: Sequence[str], found: DriveSlopes, card: Card) -> list[Finding]:
     """Return the drives on a common meter whose own slope shows a sign or unit to be wrong."""
     result: list[Finding] = []
     if not found.losses > 0:
         return result
     for drive, slope in zip(names, found.slopes, strict=True):
-        meaning, mend = _meaning(slope, {1e-3: _OF_POWER[1e-3]}, _MILLI)
+        cause = cause_of(slope, OF_TORQUE, card, drive)
+        meaning, mend = str(cause), cause.mend
         if slope < -_SCALES[0]:
-            meaning, mend = 'a sign is wrong', _TURNED
+            meaning, mend = 'a sign is wrong', card.scaled(drive, 'torque', -1)
         if meaning:
             goes = 'falls' if slope < 0 else 'grows'
             text = (
@@ -164,13 +144,16 @@ def drive_findings(names: Sequence[str], found: DriveSlopes) -> list[Finding]:
     return result
 
 
-def _gear_finding(drive: str, balance: ShaftBalance, ratio: float, agree: bool) -> Finding | None:
+def _gear_finding(
+    drive: str, balance: ShaftBalance, card: Card, agree: bool, meaning: Cause
+) -> Finding | None:
     """Return what is amiss where power grows by the gear ratio with torque × speed."""
     slope = balance.slope
+    ratios = {ratio for name, ratio in card.gear_ratio.items() if drive in ('', name)}
+    ratio = ratios.pop() if len(ratios) == 1 else 1.0
     size = max(ratio, 1 / ratio)
     if not (size > _GEARED and balance.share > _HINTED and 2 * balance.error < _SHARP * slope):
         return None
-    meaning, _ = _meaning(slope, _OF_POWER, _MILLI)
     text = f'power grows by {slope:.3g} W with each W of torque × speed, near '
     other = f', or {meaning}' if meaning else ''
     if _USUAL[0] < slope / ratio < _USUAL[1]:
@@ -178,7 +161,7 @@ def _gear_finding(drive: str, balance: ShaftBalance, ratio: float, agree: bool) 
             f"gear_ratio {ratio:g}: torque of the motor's shaft, which is not multiplied by it"
             f'{other}? Multiply it, beside its unit'
         )
-        return Finding('power_units', 'error', drive, text, f'torque: {{scale: {ratio:g}}}')
+        return Finding('power_units', 'error', drive, text, card.scaled(drive, 'torque', ratio))
     if (agree or not meaning) and _USUAL[0] < slope * ratio < _USUAL[1]:
         cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
         if agree:
@@ -212,19 +195,6 @@ def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | Non
 def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
     """Return the findings that apply; if `steady`, without those on timing."""
     return tuple(f for f in findings if not steady or f.code not in _OF_TIME)
-
-
-def _meaning(
-    slope: float, known: Mapping[float, tuple[str, str]], wide: Sequence[float] = ()
-) -> tuple[str, str]:
-    """Return what the factor nearest to a slope means, empty texts where none is near.
-
-    wide: factors from which losses may take the slope far.
-    """
-    factor = min(known, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
-    off = slope / factor
-    near = 1 / _WIDE < off < _WIDE if factor in wide else abs(off - 1) < _TOLERANCE
-    return known[factor] if near else ('', '')
 
 
 _GAPS: Final = 0.05  # share of the recording

@@ -22,6 +22,7 @@ from power_recordings.messages.samples import (
     ImuSamples,
     JointSamples,
     MotorCurrentSamples,
+    MotorTemperatureSamples,
     OdomSamples,
     Samples,
     SupplySamples,
@@ -208,6 +209,10 @@ class Recording:
     def motor_current(self) -> MotorCurrentSamples:
         """Torque-producing currents of the motors."""
         return cast(MotorCurrentSamples, self._get('motor_current'))
+
+    def motor_temperature(self) -> MotorTemperatureSamples:
+        """Winding temperatures of the drives without a meter of their own."""
+        return cast(MotorTemperatureSamples, self._get('motor_temperature'))
 
     def supply(self) -> SupplySamples:
         """Voltage and current of the whole robot's supply."""

@@ -29,6 +29,7 @@ THOUSANDS = {  # as they stand in a column, by the mark of decimals
     ',': r"[+-]?\d{1,3}(['.]\d{3})+(,\d+)?",
 }
 _IN_GROUPS = re.compile('|'.join(THOUSANDS.values()))
+_UNITS = re.compile(r'(?i)\s*(units?|einheit(en)?)\s*[:=]\s*')
 _DATE = re.compile(r'\d{2,4}[-./:]\d\d')
 _NO_UNIT = ('-', '–', '%', '1')
 _LIKE_A_HEAD = 0.5  # names to a value
@@ -74,7 +75,7 @@ def find_head(
 
     Values begin with the first row of the usual width that holds at least half of the usual count
     of numbers. The row above names the columns; rows in between may hold units or dates.
-    commented: the fields of comment lines above, the last of which may be the names.
+    commented: the fields of comment lines above, the last of which may be the names, or units.
     """
     widths = [len(row) for row in rows if row]
     if not widths:
@@ -94,7 +95,9 @@ def find_head(
             break
     trailing = all(not row[-1].strip() for row in rows[first:] if len(row) == width)
     above = [fitted for row in rows[:first] if (fitted := _fitted(row, width, trailing))]
-    above = above or [fitted for row in commented if (fitted := _fitted(row, width, trailing))]
+    notes = [fitted for row in commented if (fitted := _fitted(row, width, trailing))]
+    notes = [[_UNITS.sub('', row[0]), *row[1:]] for row in notes]
+    above = [*above, *filter(_all_units, notes)] if above else notes
     if not above and first == 0 and len(full) > 1:  # names may be numbers but for one
         pairs = zip(rows[0], rows[full[1]], strict=True)
         if any(_is_name(name) and is_number(value) for name, value in pairs):

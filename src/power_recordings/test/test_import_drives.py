@@ -1,0 +1,111 @@
+"""Guessed maps: columns of several drives, and units by the rate of a position."""
+
+import numpy as np
+import pytest
+import yaml
+from power_recordings.commands.arguments import import_logs as main
+from table_log import csv
+
+T = np.arange(1200) / 100.0
+RNG = np.random.default_rng(5)
+
+
+def guess(folder, capsys, names, **columns):
+    """Return a guessed map and its text; columns without values are noise, each its own."""
+    values = {name: columns.get(name, RNG.normal(size=len(T))) for name in names.split()}
+    table = np.stack([T, *values.values()], axis=1)
+    log = csv(folder / 'log.csv', table, ','.join(['time_s', *values]))
+    capsys.readouterr()
+    assert main([str(log), '--list']) == 0
+    text = capsys.readouterr().out
+    return yaml.safe_load(text), text
+
+
+@pytest.mark.parametrize(
+    'kinds',
+    ['enc rate mNm', 'Grad Grad_s Ncm', 'deg deg_s Nm', 'ang rate torque'],
+)
+def test_columns_that_units_alone_tell_are_of_the_drives_that_their_names_tell(
+    tmp_path, capsys, kinds
+):
+    angle, speed, _ = kinds.split()
+    names = [f'{drive}_{kind}' for drive in ('roll', 'pitch') for kind in kinds.split()]
+    columns = {}
+    for drive in ('roll', 'pitch'):
+        columns[f'{drive}_{speed}'] = RNG.normal(size=len(T))
+        columns[f'{drive}_{angle}'] = np.cumsum(columns[f'{drive}_{speed}']) / 100
+    found, text = guess(tmp_path, capsys, ' '.join([*names, 'pack_V', 'pack_mA']), **columns)
+    for drive, own in found['drives'].items():
+        assert own['position']['from'] == f'{drive.lower()}_{angle}'
+        assert own['velocity']['from'] == f'{drive.lower()}_{speed}'
+        assert 'torque' in own
+    assert list(found['drives']) == ['ROLL', 'PITCH']
+    assert found['supply']['current']['from'] == 'pack_mA'
+    assert 'not used' not in text
+
+
+def test_a_temperature_whose_name_tells_one_drive_is_that_drives_alone(tmp_path, capsys):
+    columns = 'hip_q hip_dq hip_tau knee_q knee_dq knee_tau T_wdg_knee bat_V bat_A'
+    found, _ = guess(tmp_path, capsys, columns)
+    assert found['drives']['KNEE']['temperature']['from'] == 'T_wdg_knee'
+    assert 'temperature' not in found['drives']['HIP']
+
+
+def test_letters_behind_symbols_are_drives_where_motion_has_them_and_phases_where_not(
+    tmp_path, capsys
+):
+    columns = 'posA_rad wA_rad_s MA_Nm VA IA posB_rad wB_rad_s MB_Nm VB IB'
+    found, _ = guess(tmp_path, capsys, columns)
+    assert found['drives']['B']['voltage']['from'] == 'VB'
+    assert found['drives']['B']['current']['from'] == 'IB'
+    found, _ = guess(tmp_path, capsys, 'angle_rad speed_rpm torque_Nm IA IB IC Vdc Idc')
+    assert found['drives']['DRIVE']['current']['from'] == 'Idc'
+    found, _ = guess(tmp_path, capsys, 'angle_rad speed_rpm torque_Nm VA VB VC IA IB IC')
+    assert 'current' not in found['drives']['DRIVE']
+
+
+def test_columns_of_motion_that_a_lone_drive_leaves_are_told(tmp_path, capsys):
+    columns = 'speed_rpm torque_Nm rotation_speed_two_rpm torque_two_Nm Vdc Idc'
+    found, text = guess(tmp_path, capsys, columns)
+    assert list(found['drives']) == ['DRIVE']
+    assert '# not used: rotation_speed_two_rpm, torque_two_Nm. Of another drive?' in text
+
+
+@pytest.mark.parametrize('name', ['ntc', 'coil_C', 'winding_ntc'])
+def test_a_temperature_is_known_by_its_sensor_and_by_a_winding_in_degrees(tmp_path, capsys, name):
+    columns = f'angle_rad speed_rpm torque_Nm Vdc Idc {name}'
+    found, _ = guess(tmp_path, capsys, columns)
+    assert found['drives']['DRIVE']['temperature']['from'] == name
+
+
+def test_the_third_of_three_phases_is_no_temperature(tmp_path, capsys):
+    columns = 'angle_rad speed_rpm torque_Nm Vdc Idc coil_A coil_B coil_C'
+    found, _ = guess(tmp_path, capsys, columns)
+    assert 'temperature' not in found['drives']['DRIVE']
+
+
+@pytest.mark.parametrize(
+    ('angle', 'speed'),
+    [
+        (('rad', 1.0), ('rad/s', 1.0)),
+        (('deg', 57.3), ('deg/s', 57.3)),
+        (('deg', 57.3), ('rpm', 9.55)),
+    ],
+)
+def test_a_speed_without_unit_is_what_its_position_says(tmp_path, capsys, angle, speed):
+    """In rad; in degrees by its range, which is negative."""
+    radians = -0.6 + 0.55 * np.sin(2.1 * T)
+    columns = {'angL': angle[1] * radians, 'velL': speed[1] * np.gradient(radians, T)}
+    columns |= {'angR': columns['angL'][::-1], 'velR': -columns['velL'][::-1]}
+    names = 'angL velL trqL angR velR trqR vbat ibat'
+    found, text = guess(tmp_path, capsys, names, **columns)
+    for own in found['drives'].values():
+        assert (own['position']['unit'], own['velocity']['unit']) == (angle[0], speed[0])
+    assert 'velocity is then the rate of the position' in text
+
+
+def test_a_position_without_unit_is_what_its_speed_says(tmp_path, capsys):
+    rpm = 300 + 50 * np.sin(0.7 * T)
+    angle = np.cumsum(rpm) * 6.0 / 100
+    found, _ = guess(tmp_path, capsys, 'Angle Speed_rpm Torque', Angle=angle, Speed_rpm=rpm)
+    assert found['drives']['DRIVE']['position']['unit'] == 'deg'
