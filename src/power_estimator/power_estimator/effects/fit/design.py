@@ -44,7 +44,7 @@ class Active:
 
     @property
     def per_drive(self) -> bool:
-        """Whether each drive's regressors come from its own signals alone."""
+        """True if each drive's regressors come from its own signals alone."""
         return self.effect.per_drive and not self.parameters.get(self.effect.together_by)
 
     def columns(self, signals: Signals) -> Floats:
