@@ -22,9 +22,7 @@ _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
 _NARROW: Final = 5.0  # times, by which friction's sign may turn faster than its formula's
-_REACH: Final = (
-    0.05  # s, at the speed where its sign turns: the way over which friction turns round
-)
+_REACH: Final = 0.05  # s at the speed where its sign turns: the way on which friction turns
 _TURNS_FASTER: Final = 0.7  # prior spread of that, by its logarithm over that of _NARROW
 _AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
@@ -53,8 +51,9 @@ class Departures:
 
         signals: with the motors' motion and torque at the point.
         """
-        powers = self._powers(point, signals)
-        slow = self._when_slow(point, signals)
+        own = self._weighted(point, signals)
+        powers = self._powers(point, own, signals)
+        slow = self._when_slow(point, own, signals)
         fast = float(np.sqrt(np.mean(self._signals.velocity**2))) + 1e-9
         one = {
             'speed': float(np.log(1.0 / fast + _TOWARDS_ZERO)),
@@ -71,7 +70,7 @@ class Departures:
                 formed.append(spread * np.einsum('td,td->t', watts, self._thin_causes[form]))
                 causes.append(f'departures of {kind}')
         bent, bent_causes = self._bent(powers)
-        formed += [self._reducer.thin(own).sum(axis=1) for own in slow]
+        formed += [self._reducer.thin(watts).sum(axis=1) for watts in slow]
         causes += ['departures of friction'] * len(slow)
         reduced = self._reducer.reduce_thin(np.stack(formed).T)
         return Departed(reduced, tuple(causes), at_one, bent, tuple(bent_causes))
@@ -94,35 +93,44 @@ class Departures:
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
 
-    def _powers(self, point: Point, s: Signals) -> Mapping[str, Floats]:
-        """Power of the shaft and of each kind of effect at a point, W [K, D] when thinned."""
+    def _weighted(self, point: Point, s: Signals) -> Mapping[str, Floats]:
+        """Effects of a point by name, W, N·m or rad/s [T, D] as they act on these."""
+        drives = s.torque.shape[1]
+        return {
+            name: weighted(
+                self._builder.regressors(active, s), np.broadcast_to(own, (drives, len(own)))
+            )
+            for name, (active, own) in point.items()
+        }
+
+    def _powers(
+        self, point: Point, effects: Mapping[str, Floats], s: Signals
+    ) -> Mapping[str, Floats]:
+        """Power of the shaft and of each kind of effects at a point, W [K, D] when thinned."""
         out = {'shaft': s.torque * s.velocity}
-        for active, own in point.values():
-            each = np.broadcast_to(own, (s.torque.shape[1], len(own)))
-            power = weighted(self._builder.regressors(active, s), each)
-            by = active.effect.acts_on
+        for name, (active, _) in point.items():
+            power, by = effects[name], active.effect.acts_on
             if by != 'power':
                 power = power * (s.motor_velocity + s.torque_cost if by == 'torque' else s.torque)
-            kind = _kind(active.name)
+            kind = _kind(name)
             out[kind] = out[kind] + power if kind in out else power
         return {kind: self._reducer.thin(power) for kind, power in out.items()}
 
-    def _when_slow(self, point: Point, s: Signals) -> list[Floats]:
+    def _when_slow(self, point: Point, effects: Mapping[str, Floats], s: Signals) -> list[Floats]:
         """Departures of dry friction near standstill, W [T, D]; none without friction.
 
         The speed at which its sign turns is not known: it may be five times as low. And it holds
         a drive at rest as that last moved (Dahl 1968), where its formula is 0.
         """
-        own = [each for name, each in point.items() if _kind(name) == 'friction']
-        if not own:
+        dry = {name: each for name, each in point.items() if _kind(name) == 'friction'}
+        if not dry:
             return []
         slow = s.scale.standstill
         rests = replace(s, motor_velocity=3.0 * slow * self._last_way)
-        now, held = np.zeros_like(s.torque), np.zeros_like(s.torque)
-        for active, values in own:
-            each = np.broadcast_to(values, (now.shape[1], len(values)))
-            now += weighted(self._builder.regressors(active, s), each)
-            held += weighted(self._builder.regressors(active, rests), each)
+        now, held = (
+            np.sum([torques[name] for name in dry], axis=0)
+            for torques in (effects, self._weighted(dry, rests))
+        )
         near = np.abs(s.motor_velocity) / slow + 1e-9
         turn = np.tanh(_NARROW * near) / np.tanh(near) - 1.0
         rest = (held - now) * np.exp(-np.square(near / 2.0)) * np.abs(self._last_way)

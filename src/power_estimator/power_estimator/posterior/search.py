@@ -285,7 +285,7 @@ class EffectSearch:
 
         Beside these come the best of the problem without departures, and with the least of them:
         they take over what is left of a friction that stands in for another, or a large effect.
-        And the best other shape of a known effect, and the twins of them all.
+        And the best other shape of a known effect, and the twins of new ones.
         """
         tried: list[Chosen] = []
         for how in _SCREENINGS:
@@ -308,7 +308,8 @@ class EffectSearch:
 
     def _best_of(self, chosen: Chosen, how: str) -> list[Chosen]:
         """Best neighbour of each kind of step as screened, the best kind first."""
-        have, best = self.names_of(chosen), dict[object, tuple[float, Chosen]]()
+        have = self.names_of(chosen)
+        best: dict[object, tuple[float, Chosen]] = {}
         for each, score in self.screened(self._neighbours(chosen), chosen, how).items():
             new, grown = self._new_name(each, chosen), len(each) > len(chosen)
             kind = (new, new in have if grown or new in have else each if not new else None)
@@ -344,8 +345,7 @@ class EffectSearch:
 
     def swaps(self, chosen: Chosen, place: int) -> list[Chosen]:
         """Sets with another effect in the place of one."""
-        fewer = tuple(i for i in chosen if i != place)
-        own = self.names[place]
+        fewer, own = tuple(i for i in chosen if i != place), self.names[place]
         return [each for each in self.more(fewer) if self._new_name(each, fewer) != own]
 
     def best_new(

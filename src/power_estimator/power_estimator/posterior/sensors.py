@@ -22,7 +22,7 @@ class Sensor:
 SENSORS: Final[Mapping[str, Sensor]] = {
     'power_gain': Sensor('1', 0.06),
     'torque_scale': Sensor('1', 0.1),
-    'current_offset': Sensor('A', 0.02),
+    'current_offset': Sensor('A', 0.02),  # the zero of a Hall sensor of some 20 A
     'offset_drift': Sensor('A/min', 0.003),
     'torque_bias': Sensor('N·m', 0.25),
     'torque_hysteresis': Sensor('N·m', 0.5),

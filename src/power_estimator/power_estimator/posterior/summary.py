@@ -82,23 +82,22 @@ def summarised(
     )
     parts = (departing * typical)[meter.used]
 
-    def beside(free: Floats) -> tuple[float, float]:
-        """W rms of the parts that free columns cannot take over, and W² that it may be more."""
-        apart = less(departing, free, meter.used)[meter.used]
-        gram = apart.T @ apart / len(apart)
-        return rms(apart @ typical), max(float(np.einsum('ij,ji->', gram, covariance)), 0.0)
+    def beside(free: Floats) -> Floats:
+        """Columns that free ones cannot take over."""
+        return less(departing, free, meter.used)[meter.used]
 
     # Effects and the meter's gain are free: what they take, the discrepancy gives back.
-    size, _ = beside(columns.beside_gain())
-    left, more = beside(columns.beside_gain(columns.places_of(known)))
-    least = (SPIKE * meter.rms) ** 2  # what explains less counts as absent
-    misses, left = left, float(np.sqrt(left**2 + more + least))
+    size = rms(beside(columns.beside_gain()) @ typical)
+    apart = beside(columns.beside_gain(columns.places_of(known)))
+    misses2 = rms(apart @ typical) ** 2
+    unsure = float(np.einsum('ij,ji->', apart.T @ apart, covariance)) / len(apart)
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
     if meter.noise and of_meter < noise:
         # What is not smooth but lasts, such as a fan that is switched.
-        lasts = min(max(meter.noise.lasting, 0.0), noise**2 - of_meter**2)
-        misses, left = (float(np.sqrt(one**2 + lasts)) for one in (misses, left))
+        misses2 += min(max(meter.noise.lasting, 0.0), noise**2 - of_meter**2)
+    # What explains less than the least counts as absent.
+    expected2 = misses2 + max(unsure, 0.0) + (SPIKE * meter.rms) ** 2
     apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
     unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
     costs = {
@@ -143,8 +142,8 @@ def summarised(
         explains,
         sensors,
         costs,
-        misses,
-        left,
+        float(np.sqrt(misses2)),
+        float(np.sqrt(expected2)),
         by_cause(parts, columns.causes),
         noise,
     )
