@@ -16,6 +16,7 @@ from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE,
 
 _ITERATIONS = 6
 _SETTLED = 1.0  # nats
+_CLOSE = 0.5  # nats that a point may promise: no more than numbers of samples decide
 _STALE = 2  # points in turn that gain no more than that
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
@@ -68,6 +69,7 @@ class FittedSet:
     evidence: float  # nats
     point: Point
     place: int  # of the delay among the shifts
+    promises: float  # nats that the point's linearisation has more
 
 
 def signs(actives: Sequence[Active]) -> Bools:
@@ -142,9 +144,11 @@ def fit_set(
                 stale = 0
             elif evidence < last + _SETTLED:  # on a half step back up it may still rise
                 stale += 1
+            linear = logsumexp([cell.solution.evidence for cell in found]) - np.log(count)
+            promises = float(linear) - evidence
             if best is None or evidence > best.evidence:
-                best = FittedSet(evidence, point, place)
-            settled = abs(evidence - last) < _SETTLED or stale == _STALE
+                best = FittedSet(evidence, point, place, promises)
+            settled = abs(evidence - last) < _SETTLED or promises < _CLOSE or stale == _STALE
             if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
                 break
         values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts

@@ -20,6 +20,7 @@ from power_estimator.posterior.priors import ALIKE, KNOWN_SIZE, PAIRS, SHARES, S
 Chosen = tuple[int, ...]
 _NEVER = -1e4  # nats
 _LIKELY = 4.0  # the same, where sets are only screened
+_FAR = 5.0  # nats that a point promises: a fit that goes round in circles
 _SCREENINGS = 'here', 'plain', 'stiff'
 """About the current points; about no effects, without departures; with the least discrepancy."""
 
@@ -68,6 +69,7 @@ class EffectSearch:
         self.made: list[EffectColumns] = []
         self._normals: dict[int, NormalEquations] = {}
         self._plain: tuple[list[EffectColumns], dict[int, NormalEquations]] = self.made, {}
+        self._far: set[Chosen] = set()  # first steps that are promising about no effects
         self._show, self._fits = show, 0
 
     def run(self) -> Chosen:
@@ -193,26 +195,21 @@ class EffectSearch:
         every, count = dict.fromkeys(tuple(sorted(each)) for each in sets), len(self.meters)
         new = [key for key in every if key not in self.judged]
         for two in (new[start : start + 2] for start in range(0, len(new), 2)):
-            tasks = [(m, [self.actives[i] for i in key]) for key in two for m in range(count)]
-            found = for_each(lambda task: self._fitted(*task), tasks)
+            tasks = itertools.product(two, range(count))
+            found = for_each(lambda task: self._fitted(*task), [*tasks])
             self.judged |= {key: found[k * count : (k + 1) * count] for k, key in enumerate(two)}
             self._fits += len(two)
             self._show(f'{self._fits} sets of effects are fitted')
 
-    def _fitted(self, m: int, actives: Sequence[Active]) -> FittedSet:
-        """Return a set fitted to a meter, from two starts where the current point may be far off.
-
-        That is a first new effect, a set without an effect that the point has, and a fit that
-        stays where it starts. The other start is as linearised about no effects.
-        """
+    def _fitted(self, chosen: Chosen, m: int) -> FittedSet:
+        """Return a set fitted to a meter; one that is far from its point also from no effects."""
         meter, current = self.meters[m], self.points[m]
+        actives = [self.actives[i] for i in chosen]
         start = {a.name: (a, current[a.name][1]) for a in actives if a.name in current}
         if len(start) < len(actives):
             start = self._linearised(m, actives, plain=False) | start
         found = fit_set(meter, actives, self.known, start)
-        first, fewer = len(self.base) + 1, len(current)
-        stays = all(found.point[name][1] is own for name, (_, own) in start.items())
-        if not current or not (stays or len(actives) == first or len(actives) < fewer):
+        if found.promises < _FAR and chosen not in self._far:
             return found
         start = self._linearised(m, actives, plain=True)
         other = fit_set(meter, actives, self.known, start, found.evidence)
@@ -292,6 +289,8 @@ class EffectSearch:
             best = self._best_of(chosen, how)
             new = [each for each in best if self._new_name(each, chosen) not in self.known]
             tried += new[:TRIED]
+            if how == 'plain' and not self.new_in(chosen):
+                self._far = set(new[:TRIED])
             tried += [each for each in best if each not in new][:1] if how == 'here' else []
         twins = [twin for each in tried for twin in self._twins(each, chosen)]
         return list(dict.fromkeys(tried + twins))

@@ -72,8 +72,9 @@ class Reducer:
         parts = []
         for part, count in zip(self.slices, self._thin_counts, strict=True):
             own = values[part.start + 1 :][: count * self._stride]
-            parts.append(own.reshape(count, self._stride, *values.shape[1:]).mean(axis=1))
-        return np.concatenate(parts)
+            # A mean over an axis this short costs ten times as much.
+            parts.append(sum(own[first :: self._stride] for first in range(self._stride)))
+        return np.concatenate(parts) / self._stride
 
     def reduce_thin(self, values: Floats) -> Floats:
         """Return a thinned signal [K, …] low-passed and decimated to [N, …] as by `reduce`."""
