@@ -151,6 +151,19 @@ def test_a_drive_alone_loses_its_share_of_what_the_bus_blocks():
     assert watts({'shaft': 1.0, 'regeneration_limit': 1.0}, given) == pytest.approx(-20.0)
 
 
+def test_diodes_in_front_of_each_drive_block_all_that_it_returns():
+    # −40 W here, of which the other drive would take 30 W.
+    drawn = np.tile([-40.0, 30.0], (400, 1))
+    two = replace(signals(-20.0, 2.0), drawn=drawn, torque=drawn / 2.0)
+    effect = CATALOGUE['regeneration_limit']
+    assert effect.regressors(two, own=0.0)[-1, :, 0] == pytest.approx([10.0, 0.0])
+    assert effect.regressors(two, own=1.0)[-1, :, 0] == pytest.approx([40.0, 0.0])
+    assert effect.drawn_slope(two, np.ones((1, 1)), own=1.0)[-1] == pytest.approx([-1.0, 0.0])
+    assert effect.usable(two, own=1.0)
+    for other in (replace(two, one_meter=True), signals(-20.0, 2.0)):
+        assert not effect.usable(other, own=1.0)
+
+
 def test_a_supply_loses_of_what_the_drives_of_its_meter_return_together():
     # −40 W and 30 W: 10 W come back, by the drive that brakes.
     drawn = np.tile([-40.0, 30.0], (400, 1))
