@@ -1,7 +1,7 @@
 """Linearised problem of one meter, and what some of its columns take over of others."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,15 @@ class EffectColumns:
                 return slice(start, stop)
             start = stop
         raise KeyError(active.name)
+
+    def taken(self, actives: Sequence[Active]) -> 'EffectColumns':
+        """Return the problem of some of its effects."""
+        own = np.concatenate([np.r_[self.places(active)] for active in actives])
+        effects, watts = self.effects[:, own], self.watts[own]
+        friction = np.concatenate([self.friction[own], self.friction[len(self.watts) :]])
+        return replace(
+            self, actives=tuple(actives), effects=effects, watts=watts, friction=friction
+        )
 
     def beside_gain(self, places: slice | NDArray[np.intp] = slice(None)) -> Floats:
         """Columns of effects at places, and what the meter's gain changes [N, n + 1]."""

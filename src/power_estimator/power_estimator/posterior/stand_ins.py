@@ -197,10 +197,10 @@ def _apart(
     rest = [search.actives[i] for i in chosen if i != place]
     rest += [] if instead is None else [search.actives[instead]]
     sizes, scatter = [], np.zeros(2)
-    for meter, point, size in zip(search.meters, search.points, left, strict=True):
-        columns = meter.columns([*rest, effect], point)
+    for m, (meter, size) in enumerate(zip(search.meters, left, strict=True)):
+        columns = search.made[m].taken([*rest, effect])
         places = columns.places(effect)
-        values = point[effect.name][1] / columns.watts[places]
+        values = search.points[m][effect.name][1] / columns.watts[places]
         others = np.delete(columns.effects, np.r_[places], axis=1)
         scales = columns.nuisance[:, : len(SCALES)]
         base = np.concatenate([others, scales], axis=1)[meter.used]
