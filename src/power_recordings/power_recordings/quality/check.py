@@ -328,7 +328,7 @@ class _Checker:
         balance = physics.power_balance(power, *motion, rate)
         known = {f.code for f in self.findings if not f.drive}
         if apart := None if 'slow_power' in known else physics.drive_slopes(power, *motion):
-            for name, slope, share in zip(joints.names, apart.slopes, apart.shares, strict=True):
+            for name, slope, share in zip(joints.names, apart.figures, apart.shares, strict=True):
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())

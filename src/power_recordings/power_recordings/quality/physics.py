@@ -129,10 +129,12 @@ def power_balance(
 class DriveSlopes:
     """Slopes a of P = Σ(a·τω + b·τ² + c·|ω|) + d for D drives on one meter; NaN if unsure.
 
-    shares: of the variance of P. losses: as of `ShaftBalance`.
+    figures: those that the copper loss of friction hardly changes, too, and their shares of the
+    variance of P. losses: as of `ShaftBalance`.
     """
 
     slopes: tuple[float, ...]
+    figures: tuple[float, ...]
     shares: tuple[float, ...]
     losses: float
 
@@ -150,12 +152,13 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
     free = 1 / np.diag(inverse) / len(power)
     shares = slopes**2 * free / max(float(np.var(power)), 1e-12)
     sure = (np.abs(slopes) > _CERTAIN * error) & (free > _FREE * np.var(design, axis=0))
-    sure &= (np.abs(beside) > _CERTAIN * other)[: len(slopes)]
-    sure &= np.abs(np.log(slopes / beside[: len(slopes)])) < np.log(_BESIDE)
+    same = (np.abs(beside) > _CERTAIN * other)[: len(slopes)]
+    same &= np.abs(np.log(slopes / beside[: len(slopes)])) < np.log(_BESIDE)
     drives = slice(torque.shape[1])
     losses = float(np.mean(power - shaft @ slopes[drives]))
-    slopes, shares = (np.where(sure, each, np.nan)[drives].tolist() for each in (slopes, shares))
-    return DriveSlopes(tuple(slopes), tuple(shares), losses)
+    told = ((slopes, sure), (slopes, sure & same), (shares, sure & same))
+    found = (tuple(np.where(known, each, np.nan)[drives].tolist()) for each, known in told)
+    return DriveSlopes(*found, losses)
 
 
 def solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
