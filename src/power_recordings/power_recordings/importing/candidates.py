@@ -305,7 +305,9 @@ def _by_word(
     their own way; a letter also of a torque. angles: further columns that tell of it.
     """
     names = {c.address: words(_stem(c.address)).split('_') for c in (*found, *angles)}
-    while len({name[0] for name in names.values()}) == 1 and all(len(n) > 1 for n in names.values()):
+    while len({name[0] for name in names.values()}) == 1 and all(
+        len(n) > 1 for n in names.values()
+    ):
         names = {address: name[1:] for address, name in names.items()}  # a group that holds all
     for place in (0, -1) if not any(c.drive for c in found) else ():
         kinds: dict[str, set[str]] = defaultdict(set)

@@ -160,7 +160,8 @@ class _Checker:
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
         known = len(time) > 0 and rate >= LEAST_UPDATES
-        balance = self._power(name, time, power, torque, velocity, slope == slope) if known else None
+        motion = (time, torque, velocity)
+        balance = self._power(name, power, motion, slope == slope) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -260,14 +261,9 @@ class _Checker:
         return found.slope
 
     def _power(
-        self,
-        name: str,
-        time: Floats,
-        power: Floats,
-        torque: Floats,
-        velocity: Floats,
-        agree: bool,
+        self, name: str, power: Floats, motion: Sequence[Floats], agree: bool
     ) -> physics.ShaftBalance | None:
+        time, torque, velocity = motion
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
             text = (

@@ -85,8 +85,8 @@ def power_finding(
     sprung = _USUAL[0] < balance.sprung < _USUAL[1] and balance.share > _HINTED
     if sprung and not usual and not balance.impossible:
         text = (
-            f'power grows by {slope:.3g} W with each W of torque × speed, beside torque × its rate '
-            f'by {balance.sprung:.3g} W: a series spring?'
+            f'power grows by {slope:.3g} W with each W of torque × speed, beside torque × its '
+            f'rate by {balance.sprung:.3g} W: a series spring?'
         )
         return Finding('power_slope', 'warning', drive, text)
     if (geared := _gear_finding(drive, balance, card, agree, meaning)) is not None:

@@ -152,13 +152,14 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
     free = 1 / np.diag(inverse) / len(power)
     shares = slopes**2 * free / max(float(np.var(power)), 1e-12)
     sure = (np.abs(slopes) > _CERTAIN * error) & (free > _FREE * np.var(design, axis=0))
+    ratio = slopes / beside[: len(slopes)]
     same = (np.abs(beside) > _CERTAIN * other)[: len(slopes)]
-    same &= np.abs(np.log(slopes / beside[: len(slopes)])) < np.log(_BESIDE)
+    same &= (ratio > 1 / _BESIDE) & (ratio < _BESIDE)
     drives = slice(torque.shape[1])
     losses = float(np.mean(power - shaft @ slopes[drives]))
     told = ((slopes, sure), (slopes, sure & same), (shares, sure & same))
-    found = (tuple(np.where(known, each, np.nan)[drives].tolist()) for each, known in told)
-    return DriveSlopes(*found, losses)
+    own, *shown = (tuple(np.where(known, each, np.nan)[drives].tolist()) for each, known in told)
+    return DriveSlopes(own, shown[0], shown[1], losses)
 
 
 def solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
