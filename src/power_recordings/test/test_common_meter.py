@@ -8,6 +8,7 @@ from power_recordings.commands.info import print_quality
 from power_recordings.index.kept_quality import Checked
 from power_recordings.messages.samples import JointSamples, SupplySamples
 from power_recordings.quality.check import check_recording
+from power_recordings.quality.physics import drive_slopes
 from power_recordings.reading.reader import Recording
 
 TIME = np.arange(0, 60.0, 0.01)
@@ -113,3 +114,14 @@ def test_a_zero_with_a_sign_is_shown_as_zero(capsys):
     (line,) = [x for x in capsys.readouterr().out.splitlines() if x.strip().startswith('HIP')]
     assert ' 0 ' in line
     assert '-0 ' not in line
+
+
+def test_a_slope_is_not_shown_that_the_heat_of_friction_may_have_made():
+    """Two joints that move slowly and rub by 25 N·m: 2.6 W per W beside other losses, not 1."""
+    slow = 0.03 * SPEED
+    load = 45.0 + 0.7 * TORQUE
+    motor = load + 25.0 * np.sign(slow)
+    power = (motor * slow + 0.004 * motor**2).sum(axis=1) + 0.1 * NOISE
+    found = drive_slopes(power, load, slow)
+    assert min(found.slopes) > 2.0
+    assert np.isnan([*found.figures, *found.shares]).all()

@@ -3,6 +3,7 @@ import json
 
 import numpy as np
 import pytest
+from power_recordings.commands import import_logs
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing import sources
 from power_recordings.reading.reader import Recording
@@ -33,6 +34,17 @@ def test_several_logs_follow_on_each_other(tmp_path):
     assert len(stamps) == 200
     assert (np.diff(stamps) > 0).all()
     assert np.diff(stamps).max() == 1_000_000_000
+
+
+@pytest.mark.parametrize(('rows', 'part'), [(300, False), (3000, True)])
+def test_only_a_part_is_checked_of_a_recording_of_over_twice_the_messages_that_are(
+    tmp_path, capsys, monkeypatch, rows, part
+):
+    """300 joint states and 3 messages of their meter are checked whole, where 200 would do."""
+    monkeypatch.setattr(import_logs, '_CHECKED', 200)
+    csv(tmp_path / 'log.csv', table(rows))
+    assert run(tmp_path / 'log.csv', MAP, tmp_path / 'bag') == 0
+    assert ('checked: the first' in capsys.readouterr().out) == part
 
 
 @pytest.mark.parametrize('ending', ['\n', '\r\n', '\r'])

@@ -109,3 +109,45 @@ def test_a_position_without_unit_is_what_its_speed_says(tmp_path, capsys):
     angle = np.cumsum(rpm) * 6.0 / 100
     found, _ = guess(tmp_path, capsys, 'Angle Speed_rpm Torque', Angle=angle, Speed_rpm=rpm)
     assert found['drives']['DRIVE']['position']['unit'] == 'deg'
+
+
+@pytest.mark.parametrize('kinds', ['{}_deg {}_deg_s {}_Nm', '{}_Winkel/° {}_n/min-1 {}_M_Last/Nm'])
+@pytest.mark.parametrize('letters', ['ABC', 'XZ'])
+def test_drives_of_letters_have_each_its_own_columns(tmp_path, capsys, kinds, letters):
+    own = {letter: kinds.replace('{}', letter).split() for letter in letters}
+    names = [name for names in own.values() for name in names]
+    found, _ = guess(tmp_path, capsys, ' '.join([*names, 'bus_V', 'bus_W']))
+    for letter, names in own.items():
+        drive = found['drives'][letter]
+        assert [drive[q]['from'] for q in ('velocity', 'torque')] == names[1:]
+    assert list(found['drives']) == list(letters)
+
+
+def test_drives_of_angle_and_torque_alone_are_told_apart(tmp_path, capsys):
+    found, _ = guess(tmp_path, capsys, 'yaw_mdeg yaw_mNm roll_mdeg roll_mNm v_mV i_mA')
+    assert found['drives']['ROLL']['position']['from'] == 'roll_mdeg'
+    assert found['drives']['ROLL']['torque']['from'] == 'roll_mNm'
+
+
+def test_names_in_a_group_that_holds_all_tell_time_and_drives_and_other_meters(tmp_path, capsys):
+    names = 'hoist_rpm hoist_Nm trolley_rpm trolley_Nm U1_V P1_W U2_V P2_W'
+    columns = ['crane.t_s', *(f'crane.{name}' for name in names.split())]
+    table = np.stack([T, *RNG.normal(size=(8, len(T)))], axis=1)
+    log = csv(tmp_path / 'log.csv', table, ','.join(columns))
+    assert main([str(log), '--list']) == 0
+    text = capsys.readouterr().out
+    found = yaml.safe_load(text)
+    assert found['time'] == {'column': 'crane.t_s', 'unit': 's'}
+    assert list(found['drives']) == ['HOIST', 'TROLLEY']
+    assert 'or crane.P2_W: a meter of each drive?' in text
+
+
+@pytest.mark.parametrize(('rows', 'time'), [(1000, {'steady': True}), (3000, {'unit': 's'})])
+def test_thousands_of_rows_that_follow_on_another_are_not_taken_for_operating_points(
+    tmp_path, capsys, rows, time
+):
+    t = np.arange(rows) / 100.0
+    table = np.stack([np.sin(t), np.cos(1.7 * t), 48 + 0 * t, 1 + np.sin(t) ** 2], axis=1)
+    log = csv(tmp_path / 'log.csv', table, 'speed_rpm,torque_Nm,bus_V,bus_A')
+    assert main([str(log), '--list']) == 0
+    assert yaml.safe_load(capsys.readouterr().out)['time'].items() >= time.items()

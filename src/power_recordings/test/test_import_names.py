@@ -45,6 +45,13 @@ def guess(folder, capsys, **columns):
         ('n_m', ''),
         ('time_s', 's'),
         ('T_deg_C', 'C'),
+        ('X_n/min-1', 'min-1'),
+        ('t/s', 's'),
+        ('Winkel / °', '°'),
+        ('samples/s', ''),
+        ('kt Nm/A', ''),
+        ('km/h', ''),
+        ('motor/1', ''),
     ],
 )
 def test_a_unit_of_two_words_is_read_as_one(name, unit):

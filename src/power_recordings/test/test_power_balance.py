@@ -8,7 +8,7 @@ from power_recordings.index.kept_quality import Checked
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality.check import check_recording
 from power_recordings.quality.findings import power_finding
-from power_recordings.quality.physics import power_balance
+from power_recordings.quality.physics import power_balance, rate_of
 from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
@@ -213,3 +213,23 @@ def test_where_a_drive_would_have_losses_below_zero_the_sign_of_its_meter_is_tur
     (found,) = [f for f in check_recording(fed).findings if f.severity == 'error']
     assert "and the losses would be -8 W: the meter's sign is wrong" in found.text
     assert found.mend == mend
+
+
+def sprung(gear=1.0):
+    """A joint of 30 N·m that swings behind a spring of 100 N·m/rad; heat of 0.01 W/(N·m)²."""
+    torque = 30.0 * np.sin(6.0 * TIME) + 5.0 * np.sin(1.7 * TIME)
+    rate = 180.0 * np.cos(6.0 * TIME) + 8.5 * np.cos(1.7 * TIME)
+    speed = 0.7 * rate / 100.0 + 0.3 * np.cos(2.9 * TIME)
+    power = torque * (speed + rate / 100.0) + 0.01 * torque**2 + 5.0
+    return power, torque / gear, speed
+
+
+@pytest.mark.parametrize(('gear', 'severity'), [(1.0, 'warning'), (9.0, 'error')])
+def test_what_a_series_spring_takes_up_is_no_error_of_units_and_a_gear_is_one(gear, severity):
+    power, torque, speed = sprung(gear)
+    balance = power_balance(power, torque, speed, rate_of(TIME, torque))
+    assert balance.slope > 2.2 * gear
+    assert balance.sprung == pytest.approx(gear, rel=0.05)
+    found = power_finding('ANKLE', balance, Card())
+    assert found.severity == severity
+    assert ('a series spring?' in found.text) == (gear == 1.0)

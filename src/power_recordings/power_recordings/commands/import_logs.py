@@ -23,7 +23,7 @@ from power_recordings.index.kept_quality import Checked
 from power_recordings.reading.reader import Recording
 
 _MOST_NOTES = 20
-_CHECKED = 100_000  # messages, whose quality is printed after an import
+_CHECKED = 100_000  # messages of a recording of over twice as many, to check after an import
 
 
 def run(options: argparse.Namespace) -> None:
@@ -67,8 +67,9 @@ def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.
         print(f'note: {printable(note)}')
     if len(result.notes) > _MOST_NOTES:
         print(f'note: and {len(result.notes) - _MOST_NOTES} more, in card.yaml')
-    recording = Recording.open(result.path, _CHECKED)
-    if sum(topic.count for topic in recording.topics.values()) < result.messages:
+    long = result.messages > 2 * _CHECKED
+    recording = Recording.open(result.path, _CHECKED if long else None)
+    if long:
         print(f'checked: the first {recording.duration:.0f} s; `info {result.path}` checks all')
     checked = Checked.of(recording)
     print_quality(checked)

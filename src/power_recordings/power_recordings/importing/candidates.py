@@ -101,6 +101,7 @@ _RULES: Final = (
     ('velocity', r'^n(_[a-z]+)?$|(^|_)rate(_|$)'),
     ('position', r'(^|_)(ang|enc|encoder)(_|$)'),
 )
+_TIMED: Final = r'_t(_(s|ms|us|ns))?$'  # behind a group's name, of a column that rises
 _VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)[uv](_|$)'))  # from here not whose it is
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
 _OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'temperature', 'position')
@@ -168,7 +169,8 @@ def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
     """Return the columns that vary and may hold a quantity, each with its drive."""
     found = [c for item in listed if (c := _candidate(item)) is not None]
     angles = [c for c in found if is_mere_angle(c)]
-    found = _by_word(_by_number([_held(c, found) for c in found if not is_mere_angle(c)]))
+    rest = [_held(c, found) for c in found if not is_mere_angle(c)]
+    found = _by_word(_by_number(rest), angles)
     drives = {c.drive for c in found} - {''}
     found, angles = ([_named(c, drives) for c in part] for part in (found, angles))
     names = {item.column.address for item in listed}
@@ -209,11 +211,15 @@ def _candidate(item: Listed) -> CandidateColumn | None:
     if still and not (np.isfinite(item.low) and item.low != 0):
         return None
     unit = column.unit or unit_of(column.address)
-    name = words(_stem(column.address) if '/' in unit else column.address)
+    name = words(_stem(column.address) if '/' in column.address + unit else column.address)
     bracket = _BRACKETS.search(column.address)
     said = bracket[1] if bracket else ''
     fits = ('velocity',) if said in _OF_NO_SIZE else quantities_of(unit) if unit else ()
     foreign = bool(said) and not fits and ':' not in column.address and not said.isdigit()
+    known = item.values[np.isfinite(item.values)]
+    rises = len(known) > 1 and bool((np.diff(known) > 0).all())
+    if rises and re.search(_TIMED, name) and (not unit or 'time' in fits):
+        return CandidateColumn('time', 0, '', item)
     by_name = (
         (i, q)
         for i, (q, rule) in enumerate(_RULES)
@@ -237,7 +243,7 @@ def _candidate(item: Listed) -> CandidateColumn | None:
 def _stem(address: str) -> str:
     """Return a column's name without the unit in words at its end."""
     unit = '[_ ](?:per[_ ])?'.join(map(re.escape, re.split(r'[/*]', unit_of(address))))
-    return re.sub(rf'[_ ]{unit}$', '', address) if unit else address
+    return re.sub(rf'([_ ]|\s*/\s*){unit}$', '', address) if unit else address
 
 
 def _plain(quantity: str) -> str:
@@ -290,17 +296,23 @@ def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
     ]
 
 
-def _by_word(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
+def _by_word(
+    found: Sequence[CandidateColumn], angles: Sequence[CandidateColumn]
+) -> list[CandidateColumn]:
     """Name drives by first or last words that columns of several quantities share.
 
     Either of motion and of power, or two of motion that are there of another word, too, and go
-    their own way.
+    their own way; a letter also of a torque. angles: further columns that tell of it.
     """
-    names = {c.address: words(_stem(c.address)).split('_') for c in found}
+    names = {c.address: words(_stem(c.address)).split('_') for c in (*found, *angles)}
+    while len({name[0] for name in names.values()}) == 1 and all(
+        len(n) > 1 for n in names.values()
+    ):
+        names = {address: name[1:] for address, name in names.items()}  # a group that holds all
     for place in (0, -1) if not any(c.drive for c in found) else ():
         kinds: dict[str, set[str]] = defaultdict(set)
         rows: dict[tuple[str, ...], list[CandidateColumn]] = defaultdict(list)
-        for c in found:
+        for c in (*found, *angles):
             *rest, word = names[c.address] if place else names[c.address][::-1]
             kinds[word].add(c.quantity)
             rows[c.quantity, *rest].append(c)
@@ -314,6 +326,7 @@ def _by_word(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
             for word, own in kinds.items()
             if ({'velocity', 'position'} & own and {'current', 'power'} & own and len(own) > 2)
             or (len(several[word]) > 1 and not re.fullmatch(_SIDES, word))
+            or ('torque' in several[word] and re.fullmatch('[abcxyz]', word))
         }
         if len(drives) > 1:
             return [

@@ -387,14 +387,14 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
 
 
 def _supply_lines(whole: ByQuantity) -> list[str]:
-    parts: list[str] = []
-    note = ''
+    parts, note = list[str](), ''
     for quantity, own in whole.items():
         if own and not (quantity == 'power' and len(parts) == 2):
             best = min(own, key=lambda c: c.rank)
-            unit = best.unit or _GUESSED_UNIT[quantity]
-            sign = ''
+            unit, sign = best.unit or _GUESSED_UNIT[quantity], ''
             if quantity != 'voltage' and np.nanmean(best.values) < 0:
                 sign, note = ', positive: fed', '   # negative in the mean: it counts what is fed'
+            elif rivals := [c.address for c in own if c != best and c.rank == best.rank]:
+                note = f'   # or {printable(", ".join(rivals))}: a meter of each drive?'
             parts.append(f'{quantity}: {{from: {yaml_text(best.address)}, unit: {unit}{sign}}}')
     return [f'supply: {{{", ".join(parts)}}}{note}'] if len(parts) > 1 else []

@@ -9,7 +9,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
-from power_recordings.importing.candidates import CandidateColumn
+from power_recordings.importing.candidates import MECHANICAL, CandidateColumn
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.times import is_date, is_time_of_day
 from power_recordings.importing.words import words
@@ -17,6 +17,8 @@ from power_recordings.importing.words import words
 _TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 _RATES: Final = (5.0, 2e4)  # Hz
 _FEWEST, _EVEN = 30, 3.0  # rows of a column that is a time by its steps, and their ratio
+_SERIES: Final = 2000  # rows, more than points are measured by hand or in a grid
+_MOSTLY, _STEP = 0.99, 0.5  # share of rows, and of the spread, that a motion goes on by at most
 _OTHERS: Final = 2  # columns that are named beside the one that was taken
 _MILLI: Final = r'milli_?seconds?|milli_?secs?|msecs?|ms'
 
@@ -40,6 +42,12 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
         parts = [*((d, '') for d in dates), (clock, ''), *((m, 'ms') for m in milli)]
         if len(parts) > 1:
             return _added(parts, 'parts of a time, added')
+    motion = [c for c in found if c.quantity in MECHANICAL]
+    if not times and motion and all(map(_follow, motion)):
+        return (
+            'time: {column: COLUMN, unit: s}   # no column looks like one: fill in; of a log at a '
+            'fixed rate: {rate: 100}; where each row is an operating point: {steady: true}'
+        )
     if not times:
         return (
             'time: {steady: true}   # no column looks like a time: each row an operating point; '
@@ -103,6 +111,15 @@ def _ticks(first: Listed) -> bool:
     if len(steps) < _FEWEST or not (steps > 0).all() or (steps == 1.0).all():
         return False
     return float(np.quantile(steps, 0.9)) < _EVEN * float(np.quantile(steps, 0.1))
+
+
+def _follow(candidate: CandidateColumn) -> bool:
+    """Tell whether the rows of a motion go on from one another, and are more than any table's."""
+    known = candidate.values[np.isfinite(candidate.values)]
+    if len(known) < _SERIES:
+        return False
+    steps = np.abs(np.diff(known))
+    return bool(np.quantile(steps, _MOSTLY) < _STEP * np.std(known))
 
 
 def _counts(candidate: CandidateColumn) -> bool:

@@ -36,7 +36,8 @@ _AXIS: Final = re.compile(r'(^|_)[iuv]?([qd])(_|$)')
 def words(address: str) -> str:
     """Return an address as lower-case words joined by `_`, without bracketed unit and digits."""
     name = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address) if address[:1] not in '[(' else address
-    name = re.sub(r'^([UVIM])([A-C])(?=_|$)', r'\1_\2', name.rpartition(':')[2])
+    name = name.rpartition(':')[2]
+    name = re.sub(r'^([UVIM](?=[A-C])|[UI](?=[X-Z]))(?=.(_|$))', r'\1_', name)
     name = 'power' if name == 'P' else re.sub(r'([A-Z])([A-Z][a-z]{2})', r'\1_\2', name)
     name = re.sub(r'([a-z])([A-Z])', r'\1_\2', name).lower()
     name = _FOREIGN.sub(lambda found: f'_{_OTHER_LANGUAGES[found[0]]}_', name)

@@ -159,8 +159,9 @@ class _Checker:
         time, position, velocity, torque = self._motion(name)
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
-        known = rate >= LEAST_UPDATES
-        balance = self._power(name, power, torque, velocity, slope == slope) if known else None
+        known = len(time) > 0 and rate >= LEAST_UPDATES
+        motion = (time, torque, velocity)
+        balance = self._power(name, power, motion, slope == slope) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -260,8 +261,9 @@ class _Checker:
         return found.slope
 
     def _power(
-        self, name: str, power: Floats, torque: Floats, velocity: Floats, agree: bool
+        self, name: str, power: Floats, motion: Sequence[Floats], agree: bool
     ) -> physics.ShaftBalance | None:
+        time, torque, velocity = motion
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
             text = (
@@ -272,7 +274,7 @@ class _Checker:
             )
             mend = 'torque: {from: …, unit: A, at: motor}'
             self._find('torque_unrelated', 'warning', name, text, mend)
-        balance = physics.power_balance(power, torque, velocity)
+        balance = physics.power_balance(power, torque, velocity, physics.rate_of(time, torque))
         if self._recording.card.torque_unit.get(name) != 'A':
             self._add([power_finding(name, balance, self._recording.card, agree)])
         return balance
@@ -318,10 +320,11 @@ class _Checker:
             return None
         power = values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
-        balance = physics.power_balance(power, *motion)
+        rate = physics.rate_of((joints.stamp_ns - joints.stamp_ns[0]) / 1e9, motion[0])
+        balance = physics.power_balance(power, *motion, rate)
         known = {f.code for f in self.findings if not f.drive}
         if apart := None if 'slow_power' in known else physics.drive_slopes(power, *motion):
-            for name, slope, share in zip(joints.names, apart.slopes, apart.shares, strict=True):
+            for name, slope, share in zip(joints.names, apart.figures, apart.shares, strict=True):
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())

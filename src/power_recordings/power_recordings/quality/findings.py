@@ -81,6 +81,14 @@ def power_finding(
     mend = (
         f'supply: {{{meaning.mend}}}' if not drive and 'current' in meaning.units else meaning.mend
     )
+    usual = _USUAL[0] - margin < slope < _USUAL[1] + margin
+    sprung = _USUAL[0] < balance.sprung < _USUAL[1] and balance.share > _HINTED
+    if sprung and not usual and not balance.impossible:
+        text = (
+            f'power grows by {slope:.3g} W with each W of torque × speed, beside torque × its '
+            f'rate by {balance.sprung:.3g} W: a series spring?'
+        )
+        return Finding('power_slope', 'warning', drive, text)
     if (geared := _gear_finding(drive, balance, card, agree, meaning)) is not None:
         return geared
     if decided and slope < -margin:
@@ -107,7 +115,7 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text, mend)
     told = balance.share > 1 - balance.r2 or slope > _BEYOND
     hinted = told and balance.share > _HINTED and slope > _SCALES[1] + margin
-    if not (decided or hinted) or _USUAL[0] - margin < slope < _USUAL[1] + margin:
+    if not (decided or hinted) or usual:
         return None
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
     rubs = slope > _SCALES[1] and _USUAL[0] < balance.rubbed < _USUAL[1]

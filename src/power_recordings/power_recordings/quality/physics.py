@@ -11,6 +11,8 @@ _BLOCKS = 30  # of time, whose remainders tell the error of a slope
 _CERTAIN = 4  # standard errors
 _ALIKE = 20  # samples in a row that count as one
 _FREE = 1e-4  # of the variance of τω, that no other term has
+_RATE_OVER = 0.02  # s to either side, that a torque's rate is taken over: its noise is then small
+_BESIDE = 1.5  # times by which the copper loss that friction adds may change a slope that is sure
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
 
@@ -42,14 +44,24 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
     return _slope(rate[whole], mean[whole])
 
 
+def rate_of(time: Floats, torque: Floats) -> Floats:
+    """Return the rate of a torque [N] or [N, D], in N·m/s; time: s [N]."""
+    span = max(1, round(_RATE_OVER / max(float(np.median(np.diff(time))), 1e-6)))
+    rows = np.arange(len(time))
+    first, last = np.maximum(rows - span, 0), np.minimum(rows + span, len(time) - 1)
+    step = np.maximum(time[last] - time[first], 1e-9)
+    return ((torque[last] - torque[first]).T / step).T
+
+
 @dataclass(frozen=True)
 class ShaftBalance:
     """Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, its standard error, and R² of the fit.
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
-    copper loss that friction adds: in slow motion it looks like τω. losses: mean of P − a·τω, W,
-    which is above 0 unless the sign of P is wrong.
+    copper loss that friction adds: in slow motion it looks like τω. sprung: a beside e·τ·dτ/dt,
+    what a series spring takes up; NaN if none is sure to do so. losses: mean of P − a·τω, W, which
+    is above 0 unless the sign of P is wrong.
     """
 
     slope: float
@@ -59,6 +71,7 @@ class ShaftBalance:
     shaft: float
     power: float
     rubbed: float
+    sprung: float
     losses: float
 
     def __str__(self) -> str:
@@ -73,12 +86,16 @@ class ShaftBalance:
         return self.shaft > _IMPOSSIBLE * self.power
 
 
-def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalance | None:
+def power_balance(
+    power: Floats, torque: Floats, velocity: Floats, rate: Floats | None = None
+) -> ShaftBalance | None:
     """Fit the balance of a drive's power [N, W], or of a robot's with D drives.
 
-    torque: N·m, and velocity: rad/s, are [N] or [N, D]. None for fewer than 500 samples.
+    torque: N·m, velocity: rad/s, and the torque's rate are [N] or [N, D]; without the rate no
+    spring is found. None for fewer than 500 samples.
     """
-    power, torque, velocity = _known(power, torque, velocity)
+    rate = np.zeros_like(torque) if rate is None else np.nan_to_num(rate)
+    power, torque, velocity, rate = _known(power, torque, velocity, rate)
     if len(power) < 10 * _ENOUGH:
         return None
     spread = max(float(np.var(power)), 1e-12)
@@ -88,6 +105,9 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
     (slope, *_), inverse, rest = solve(design, power)
     heat = (torque * np.sign(velocity)).sum(axis=1, keepdims=True)
     apart, *_ = solve(np.hstack([design, heat]), power)
+    spring = (torque * rate).sum(axis=1, keepdims=True)
+    beside, error, _ = _fitted(np.hstack([design, spring]), power)
+    sprung = min(beside[[0, -1]] - _CERTAIN * error[[0, -1]]) > 0
     free = float(1 / inverse[0, 0] / len(power))
     if free < _FREE * np.var(shaft):
         free = 0.0  # τω goes with the other terms
@@ -100,6 +120,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
         float(np.sqrt(np.mean(shaft**2))),
         float(np.sqrt(np.mean(power**2))),
         float(apart[0]),
+        float(beside[0]) if sprung else np.nan,
         float(np.mean(power - slope * shaft)),
     )
 
@@ -108,10 +129,12 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalan
 class DriveSlopes:
     """Slopes a of P = Σ(a·τω + b·τ² + c·|ω|) + d for D drives on one meter; NaN if unsure.
 
-    shares: of the variance of P. losses: as of `ShaftBalance`.
+    figures: those that the copper loss of friction hardly changes, too, and their shares of the
+    variance of P. losses: as of `ShaftBalance`.
     """
 
     slopes: tuple[float, ...]
+    figures: tuple[float, ...]
     shares: tuple[float, ...]
     losses: float
 
@@ -124,17 +147,19 @@ def drive_slopes(power: Floats, torque: Floats, velocity: Floats) -> DriveSlopes
         return None
     shaft, constant = torque * velocity, np.ones((len(power), 1))
     design = np.hstack([shaft, torque**2, np.abs(velocity), constant])
-    slopes, inverse, rest = solve(design, power)
-    edges = np.linspace(0, len(power), _BLOCKS, endpoint=False, dtype=int)
-    pulls = np.add.reduceat(design * rest[:, None], edges) @ inverse
-    error = np.sqrt((pulls**2).sum(axis=0) + _ALIKE * np.var(rest) * np.diag(inverse))
+    slopes, error, inverse = _fitted(design, power)
+    beside, other, _ = _fitted(np.hstack([design, torque * np.sign(velocity)]), power)
     free = 1 / np.diag(inverse) / len(power)
     shares = slopes**2 * free / max(float(np.var(power)), 1e-12)
     sure = (np.abs(slopes) > _CERTAIN * error) & (free > _FREE * np.var(design, axis=0))
+    ratio = slopes / beside[: len(slopes)]
+    same = (np.abs(beside) > _CERTAIN * other)[: len(slopes)]
+    same &= (ratio > 1 / _BESIDE) & (ratio < _BESIDE)
     drives = slice(torque.shape[1])
     losses = float(np.mean(power - shaft @ slopes[drives]))
-    slopes, shares = (np.where(sure, each, np.nan)[drives].tolist() for each in (slopes, shares))
-    return DriveSlopes(tuple(slopes), tuple(shares), losses)
+    told = ((slopes, sure), (slopes, sure & same), (shares, sure & same))
+    own, *shown = (tuple(np.where(known, each, np.nan)[drives].tolist()) for each, known in told)
+    return DriveSlopes(own, shown[0], shown[1], losses)
 
 
 def solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
@@ -144,6 +169,15 @@ def solve(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
     inverse = np.linalg.inv(terms.T @ terms + 1e-10 * len(power) * np.eye(len(scale)))
     found = inverse @ (terms.T @ power)
     return found / scale, inverse / np.outer(scale, scale), power - terms @ found
+
+
+def _fitted(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
+    """Fit power [N] by terms [N, K]: factors, their standard errors, and inverse of `solve`."""
+    found, inverse, rest = solve(terms, power)
+    edges = np.linspace(0, len(power), _BLOCKS, endpoint=False, dtype=int)
+    pulls = np.add.reduceat(terms * rest[:, None], edges) @ inverse
+    error = np.sqrt((pulls**2).sum(axis=0) + _ALIKE * np.var(rest) * np.diag(inverse))
+    return found, error, inverse
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
@@ -183,11 +217,11 @@ def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, f
     return float((counts > 0).mean()), sum(q > 0.02 for q in quadrants) / 4
 
 
-def _known(power: Floats, torque: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the rows without NaN; torque and velocity as [N, D]."""
-    torque, velocity = (np.atleast_2d(each.T).T for each in (torque, velocity))
-    good = np.isfinite(power) & np.isfinite(torque + velocity).all(axis=1)
-    return power[good], torque[good], velocity[good]
+def _known(power: Floats, *motion: Floats) -> list[Floats]:
+    """Return the rows without NaN; of all but the power [N], as [N, D]."""
+    columns = [np.atleast_2d(each.T).T for each in motion]
+    good = np.isfinite(power) & np.isfinite(sum(columns)).all(axis=1)
+    return [power[good], *(each[good] for each in columns)]
 
 
 def _slope(x: Floats, y: Floats) -> Slope | None:

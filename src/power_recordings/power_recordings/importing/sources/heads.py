@@ -37,6 +37,8 @@ _UNITS_THAT_ARE_NAMES = ('rpm', 'rps')
 _WORDS = ('cycle', 'turn', 'min', 'day', 'hour', 'year', 'a', 'd', 'h', 'r')  # that end names, too
 _TIMES = ('s', 'sec', 'ms', 'min')  # what a rate is over
 _LENGTHS = ('m', 'cm', 'mm', 'km')  # of which a rate is no speed of a drive
+_TIME = ('t', 'time', 'zeit')  # what is in `t/s`, where others are rates
+_OVER_UNIT = re.compile(r'(?:[^:]*[_ .])?([^\W_]+)\s*/\s*([^/:\d][^/:]*)')
 _COUNTS = re.compile(r'(?i)(.*[^a-z])?(n|w|.*(speed|vel|omega|drehzahl))')  # what 1_min is of
 _FORCES = ('N', 'mN', 'cN', 'kN', 'kgf', 'ozf', 'lbf', 'oz', 'lb')
 _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
@@ -134,10 +136,14 @@ def _is_name(field: str) -> bool:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that ends a column's name, in brackets or after `_` or a space, else ''."""
+    """Return the unit that ends a column's name, in brackets or after `_`, space or /, else ''."""
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
+    if (over := _OVER_UNIT.fullmatch(name)) is not None and is_unit(over[2]):
+        of_rate = over[1] in _LENGTHS or (over[2] in _TIMES and over[1].lower() not in _TIME)
+        if not of_rate and not is_unit(over[1]):
+            return over[2]
     *before, ending = re.split(r'[_ ]', name)
     if before and (both := _of_two_words(before, ending)) is not None:
         return both
