@@ -156,12 +156,12 @@ def test_diodes_in_front_of_each_drive_block_all_that_it_returns():
     drawn = np.tile([-40.0, 30.0], (400, 1))
     two = replace(signals(-20.0, 2.0), drawn=drawn, torque=drawn / 2.0)
     effect = CATALOGUE['regeneration_limit']
-    assert effect.regressors(two, own=0.0)[-1, :, 0] == pytest.approx([10.0, 0.0])
-    assert effect.regressors(two, own=1.0)[-1, :, 0] == pytest.approx([40.0, 0.0])
-    assert effect.drawn_slope(two, np.ones((1, 1)), own=1.0)[-1] == pytest.approx([-1.0, 0.0])
-    assert effect.usable(two, own=1.0)
+    assert effect.regressors(two)[-1, :, 0] == pytest.approx([10.0, 0.0])
+    assert effect.regressors(two, supply=0.0)[-1, :, 0] == pytest.approx([40.0, 0.0])
+    assert effect.drawn_slope(two, np.ones((1, 1)), supply=0.0)[-1] == pytest.approx([-1.0, 0.0])
+    assert effect.usable(two, supply=0.0)
     for other in (replace(two, one_meter=True), signals(-20.0, 2.0)):
-        assert not effect.usable(other, own=1.0)
+        assert not effect.usable(other, supply=0.0)
 
 
 def test_a_supply_loses_of_what_the_drives_of_its_meter_return_together():

@@ -44,6 +44,7 @@ def test_only_the_limit_of_the_bus_looks_at_all_drives():
     catalogue = builtin_catalogue()
     together = [one.name for one in catalogue.physics() if of(one.name, **one.shapes[0]).together]
     assert together == ['regeneration_limit']
+    assert not of('regeneration_limit', supply=0.0).together  # diodes in front of each drive
 
 
 def test_a_spring_forgets_within_a_tenth_of_a_second():

@@ -35,13 +35,10 @@ class EffectColumns:
         raise KeyError(active.name)
 
     def taken(self, actives: Sequence[Active]) -> 'EffectColumns':
-        """Return the problem of some of its effects."""
+        """Return some effects beside the same nuisances; not for `normals` or the friction."""
         own = np.concatenate([np.r_[self.places(active)] for active in actives])
         effects, watts = self.effects[:, own], self.watts[own]
-        friction = np.concatenate([self.friction[own], self.friction[len(self.watts) :]])
-        return replace(
-            self, actives=tuple(actives), effects=effects, watts=watts, friction=friction
-        )
+        return replace(self, actives=tuple(actives), effects=effects, watts=watts)
 
     def beside_gain(self, places: slice | NDArray[np.intp] = slice(None)) -> Floats:
         """Columns of effects at places, and what the meter's gain changes [N, n + 1]."""

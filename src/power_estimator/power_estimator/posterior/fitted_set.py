@@ -16,7 +16,7 @@ from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE,
 
 _ITERATIONS = 6
 _SETTLED = 1.0  # nats
-_CLOSE = 0.5  # nats that a point may promise: no more than numbers of samples decide
+_CLOSE = 0.5  # nats: a step that promises less is not taken
 _STALE = 2  # points in turn that gain no more than that
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
@@ -148,7 +148,8 @@ def fit_set(
             promises = float(linear) - evidence
             if best is None or evidence > best.evidence:
                 best = FittedSet(evidence, point, place, promises)
-            settled = abs(evidence - last) < _SETTLED or promises < _CLOSE or stale == _STALE
+            close = promises < _CLOSE and best.point is point
+            settled = abs(evidence - last) < _SETTLED or close or stale == _STALE
             if settled or 0.0 <= elsewhere - best.evidence < _SETTLED:
                 break
         values = found[int(np.argmax(logs))].solution.mean[: len(signed)] * columns.watts

@@ -19,7 +19,7 @@ from power_estimator.effects.signals.pieces import sparse
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
 from power_estimator.posterior.fitted_set import errors_beside
-from power_estimator.posterior.meter import MeterProblem, meter_problems, representatives
+from power_estimator.posterior.meter import meter_problems, representatives
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import DOUBTED, NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
@@ -107,8 +107,8 @@ def judged_effects(
     free = [active for active in known if active.effect.fixed is None]
     apart = sparse(prepared)
     cogs = any(one.name == PERIODIC and one.tried_on(signals) for one in catalogue.physics())
+    orders = _orders((prepared, apart), fixed, free, base) if cogs else Orders()
     problems = meter_problems(apart, fixed, base)
-    orders = _orders(meter_problems(prepared, fixed, base), problems, free) if cogs else Orders()
     lacking = [
         Active.of(shared_by_size(effect, signals) if prepared.whole else effect, shape)
         for effect in catalogue.physics()
@@ -152,13 +152,17 @@ def judged_effects(
 
 
 def _orders(
-    meters: Sequence[MeterProblem], fitted: Sequence[MeterProblem], known: Sequence[Active]
+    prepared: tuple[Prepared, Prepared],
+    fixed: Sequence[Active],
+    known: Sequence[Active],
+    base: BasePower | None,
 ) -> Orders:
     """Orders of cogging that a model may lack, or may have in another order.
 
-    fitted: the same meters, on whose rows effects are fitted.
+    prepared: all rows, and those that effects are fitted on.
     """
     own = [active for active in known if active.name.partition('@')[0] != PERIODIC]
+    meters, fitted = (meter_problems(one, fixed, base) for one in prepared)
     searched = representatives(meters)
     errors = for_each(lambda d: errors_beside(meters[d], fitted[d], own), searched)
     return orders_of(list(itertools.chain(*errors)))

@@ -51,13 +51,15 @@ def has_wholes(parts: Sequence[Active], names: Collection[str]) -> bool:
 
 
 def loses_twice(parts: Sequence[Active], *, alone: bool) -> bool:
-    """Return whether what flows back is both blocked and lost by a share: of one drive, or of all.
+    """Return whether what flows back is both blocked and lost by a share, of each drive or of all.
 
-    Converters of several drives lose of what others use, too.
+    Only of what drives return to one another, their converters lose beside a supply that blocks.
     """
-    both = [part for part in parts if part.name in SHARES]
-    together = any(part.parameters.get(part.effect.together_by) for part in both)
-    return len(both) > 1 and (alone or together)
+    both = {part.name: part for part in parts if part.name in SHARES}
+    if len(both) < 2:
+        return False
+    limit, lossy = both['regeneration_limit'], both['regeneration_efficiency']
+    return alone or limit.per_drive or not lossy.per_drive
 
 
 def tempered(before: float, after: float, ratio: float) -> float:

@@ -20,7 +20,7 @@ from power_estimator.posterior.priors import ALIKE, KNOWN_SIZE, PAIRS, SHARES, S
 Chosen = tuple[int, ...]
 _NEVER = -1e4  # nats
 _LIKELY = 4.0  # the same, where sets are only screened
-_FAR = 5.0  # nats that a point promises: a fit that goes round in circles
+_PROMISES = 5.0  # nats that a point's linearisation has more: its fit has not converged
 _SCREENINGS = 'here', 'plain', 'stiff'
 """About the current points; about no effects, without departures; with the least discrepancy."""
 
@@ -69,7 +69,7 @@ class EffectSearch:
         self.made: list[EffectColumns] = []
         self._normals: dict[int, NormalEquations] = {}
         self._plain: tuple[list[EffectColumns], dict[int, NormalEquations]] = self.made, {}
-        self._far: set[Chosen] = set()  # first steps that are promising about no effects
+        self._from_none: set[Chosen] = set()  # first steps that are promising about no effects
         self._show, self._fits = show, 0
 
     def run(self) -> Chosen:
@@ -202,14 +202,15 @@ class EffectSearch:
             self._show(f'{self._fits} sets of effects are fitted')
 
     def _fitted(self, chosen: Chosen, m: int) -> FittedSet:
-        """Return a set fitted to a meter; one that is far from its point also from no effects."""
+        """Return a set fitted to a meter, from two starts where its point may be far off."""
         meter, current = self.meters[m], self.points[m]
         actives = [self.actives[i] for i in chosen]
         start = {a.name: (a, current[a.name][1]) for a in actives if a.name in current}
         if len(start) < len(actives):
             start = self._linearised(m, actives, plain=False) | start
         found = fit_set(meter, actives, self.known, start)
-        if found.promises < _FAR and chosen not in self._far:
+        far = len(actives) < len(current) or found.promises > _PROMISES
+        if not far and chosen not in self._from_none:
             return found
         start = self._linearised(m, actives, plain=True)
         other = fit_set(meter, actives, self.known, start, found.evidence)
@@ -290,15 +291,15 @@ class EffectSearch:
             new = [each for each in best if self._new_name(each, chosen) not in self.known]
             tried += new[:TRIED]
             if how == 'plain' and not self.new_in(chosen):
-                self._far = set(new[:TRIED])
+                self._from_none = {*new[:TRIED], *self._twins(new[:TRIED], chosen)}
             tried += [each for each in best if each not in new][:1] if how == 'here' else []
-        twins = [twin for each in tried for twin in self._twins(each, chosen)]
-        return list(dict.fromkeys(tried + twins))
+        return list(dict.fromkeys(tried + self._twins(tried, chosen)))
 
-    def _twins(self, each: Chosen, chosen: Chosen) -> list[Chosen]:
+    def _twins(self, sets: Sequence[Chosen], chosen: Chosen) -> list[Chosen]:
         """Sets with the other of SHARES in place of a new one: their own points tell which."""
         return [
             other
+            for each in sets
             for i in self.new_in(each)
             if self.names[i] in SHARES and i not in chosen
             for other in self.swaps(each, i)

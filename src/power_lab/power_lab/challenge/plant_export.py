@@ -46,6 +46,8 @@ def to_plant(model: EffectModel, plant: Plant) -> tuple[Plant, dict[str, float]]
             continue
         if name not in known:
             raise InputError(f'{model.name}: the simulator has no effect {name!r}')
+        if name == 'regeneration_limit' and not model.needs.together:
+            raise InputError(f'{model.name}: the simulator has no diodes in front of each drive')
         found = [_strength(name, group, plant) for group in model.groups]
         strengths[name] = float(np.clip(np.mean(found), 0.0, _MOST))
     changes: dict[str, bool | float] = {name: False for name in known}

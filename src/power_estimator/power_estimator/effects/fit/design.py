@@ -45,7 +45,8 @@ class Active:
     @property
     def per_drive(self) -> bool:
         """True if each drive's regressors come from its own signals alone."""
-        return self.effect.per_drive and not self.parameters.get(self.effect.together_by)
+        shape = {**self.effect.shapes[0], **self.parameters}
+        return self.effect.per_drive and not shape.get(self.effect.together_by)
 
     def columns(self, signals: Signals) -> Floats:
         """Return the regressors [T, D, n] on signals, as `regressors_of`."""

@@ -32,19 +32,16 @@ def _shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
     return returned, np.maximum(total, 1e-9), np.maximum(0.0, -drawn)
 
 
-def _blocked(signals: Signals, *, own: float = 0.0, **_: float) -> Floats:
-    """The drive's share of the power that is blocked; with its own supply, all that it returns."""
+def _blocked(signals: Signals, **_: float) -> Floats:
+    """The drive's share of the power that is blocked."""
     returned, total, blocked = _shares(signals)
-    return (returned if own else returned / total * blocked)[..., None]
+    return (returned / total * blocked)[..., None]
 
 
-def _blocked_share(
-    signals: Signals, coefficients: Floats, *, own: float = 0.0, **_: float
-) -> Floats:
+def _blocked_share(signals: Signals, coefficients: Floats, **_: float) -> Floats:
     """Minus the blocked share while power flows back."""
     _returned, total, blocked = _shares(signals)
-    share = 1.0 if own else blocked / total
-    return np.where(signals.drawn < 0.0, -coefficients[..., 0] * share, 0.0)
+    return np.where(signals.drawn < 0.0, -coefficients[..., 0] * (blocked / total), 0.0)
 
 
 def _returned(signals: Signals, *, bridge: float = 0.0, supply: float = 0.0, **_: float) -> Floats:
@@ -63,14 +60,26 @@ def _lost_share(
     return np.where(_flow(signals, bridge) < 0.0, -coefficients[..., 0], 0.0)
 
 
+def _returned_together(signals: Signals, *, supply: float = 1.0, **_: float) -> Floats:
+    """Power that would flow back to the supply, by default, or into each drive's input."""
+    return _returned(signals, supply=supply)
+
+
+def _lost_together(
+    signals: Signals, coefficients: Floats, *, supply: float = 1.0, **_: float
+) -> Floats:
+    """Minus the lost share of that while power flows back."""
+    return _lost_share(signals, coefficients, supply=supply)
+
+
 def _shown_there(signals: Signals, *, supply: float = 0.0, **_: float) -> bool:
     """Return whether a meter shows the shape: that of several drives what the supply loses."""
     return not supply or (signals.one_meter and signals.torque.shape[1] > 1)
 
 
-def _metered_there(signals: Signals, *, own: float = 0.0, **_: float) -> bool:
-    """Return whether drives may have supplies of their own: several, each with a meter."""
-    return not own or (not signals.one_meter and signals.torque.shape[1] > 1)
+def _metered_there(signals: Signals, *, supply: float = 1.0, **_: float) -> bool:
+    """Return whether there may be diodes in front of each drive: of several, with meters."""
+    return bool(supply) or (not signals.one_meter and signals.torque.shape[1] > 1)
 
 
 IDLE = Effect(
@@ -138,14 +147,16 @@ REGENERATION_EFFICIENCY = Effect(
 )
 REGENERATION_LIMIT = Effect(
     name='regeneration_limit',
-    physics='the supply takes nothing back: what the drives return together is burnt',
-    formula='b·(share of the drive)·max(0, −sum of P over the bus); own = 1: b·max(0, −P)',
+    physics='the supply takes nothing back: what all drives return together, or each, is burnt',
+    formula='b·(share of the drive)·max(0, −sum of P over the bus); supply = 0: b·max(0, −P)',
     terms=(Term('b', '1', 0.0, 1.0, attained=True),),
     scaling={},
-    regressors=_blocked,
-    drawn_slope=_blocked_share,
+    regressors=_returned_together,
+    drawn_slope=_lost_together,
     follows=frozenset({'drawn'}),
-    shapes=({'own': 0.0}, {'own': 1.0}),  # diodes in the supply, or in front of each drive
+    per_drive=True,
+    shapes=({'supply': 1.0}, {'supply': 0.0}),  # diodes in the supply, or in front of each drive
+    together_by='supply',
     recorded=_metered_there,
     near=('regeneration_efficiency',),
     excitation=Excitation(

@@ -1,0 +1,72 @@
+"""Fits of sets of effects to a drive of the bench, of whose truth the models know nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.signals.prepared import prepare
+from power_estimator.posterior import fitted_set
+from power_estimator.posterior.fitted_set import fit_set, settle
+from power_estimator.posterior.judged import judged_effects
+from power_estimator.posterior.meter import MeterProblem
+from power_estimator.posterior.priors import NAMED
+from power_estimator.posterior.rates import with_quiet_rates
+from power_estimator.posterior.summary import summarised
+from truth_circuit import Truth, record
+
+EFFECTS = builtin_catalogue()
+KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
+
+
+@pytest.fixture(scope='module')
+def meter():
+    truth = Truth(dict.fromkeys(KNOWN, 1.0), 'walk', 20.0, 1)
+    prepared = prepare(record(truth).drives(['LF_KFE']))
+    own = replace(prepared, signals=with_quiet_rates(prepared.signals))
+    return MeterProblem(own, [Active.of(EFFECTS['shaft'])], None)
+
+
+def test_a_set_without_effects_has_evidence_and_draws(meter):
+    assert settle(meter, [], [], []) == {}
+    found = fit_set(meter, [], [], {})
+    assert np.isfinite(found.evidence)
+    assert summarised(meter, [], [], {}).coefficients == {}
+
+
+@pytest.mark.parametrize('factor', [0.2, 1.0, 5.0])
+def test_a_fit_ends_at_no_worse_a_point_than_it_began(meter, monkeypatch, factor):
+    actives = [Active.of(EFFECTS[name]) for name in KNOWN]
+    point = settle(meter, actives, actives, KNOWN)
+    start = {name: (active, factor * values) for name, (active, values) in point.items()}
+    found = fit_set(meter, actives, KNOWN, start)
+    monkeypatch.setattr(fitted_set, '_ITERATIONS', 1)
+    assert found.evidence >= fit_set(meter, actives, KNOWN, start).evidence
+
+
+def test_a_fit_that_begins_where_it_ended_takes_no_further_step(meter):
+    actives = [Active.of(EFFECTS[name]) for name in KNOWN]
+    first = fit_set(meter, actives, KNOWN, settle(meter, actives, actives, KNOWN))
+    again = fit_set(meter, actives, KNOWN, first.point)
+    assert again.evidence == pytest.approx(first.evidence, abs=1.0)
+    assert 0.0 <= again.promises < 5.0  # nats
+
+
+def test_columns_of_some_effects_are_those_that_a_point_gives_them(meter):
+    copper, viscous, _, idle = actives = [Active.of(EFFECTS[name]) for name in KNOWN]
+    point = settle(meter, actives, actives, KNOWN)
+    taken = meter.columns(actives, point).taken([idle, copper])
+    made = meter.columns([idle, copper], point)
+    for part in ('effects', 'watts', 'nuisance', 'bent'):
+        np.testing.assert_allclose(getattr(taken, part), getattr(made, part), rtol=1e-9)
+    assert taken.places(copper) == slice(1, 2)
+    with pytest.raises(KeyError, match='viscous_friction'):
+        taken.places(viscous)
+
+
+def test_a_model_of_the_shaft_alone_lacks_copper_loss():
+    truth = Truth(dict.fromkeys(KNOWN, 1.0), 'walk', 20.0, 1)
+    prepared = prepare(record(truth).drives(['LF_KFE']))
+    found = judged_effects(prepared, [Active.of(EFFECTS['shaft'])], EFFECTS)
+    assert found.probability['copper_loss'] > NAMED
