@@ -166,7 +166,7 @@ SATURATION = Effect(
     regressors=_more_current,
     torque_slope=_more_current_slope,
     recorded=lambda signals, **_: not bool(signals.at_motor.all()),
-    # Departures of copper loss stand for it: with both, others are named that are not there.
+    # Beside departures of copper loss it is at most likely, and others lose their names.
     proposed=lambda _: False,
     part_of='copper_loss',
     follows=frozenset({'motor_torque'}),
