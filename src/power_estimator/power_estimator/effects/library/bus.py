@@ -1,5 +1,7 @@
 """Power on the supply line: electronics, cables, and what braking drives return."""
 
+from functools import partial
+
 import numpy as np
 from wattwalk_core.arrays import Floats
 
@@ -58,18 +60,6 @@ def _lost_share(
     if supply:
         return _blocked_share(signals, coefficients)
     return np.where(_flow(signals, bridge) < 0.0, -coefficients[..., 0], 0.0)
-
-
-def _returned_together(signals: Signals, *, supply: float = 1.0, **_: float) -> Floats:
-    """Power that would flow back to the supply, by default, or into each drive's input."""
-    return _returned(signals, supply=supply)
-
-
-def _lost_together(
-    signals: Signals, coefficients: Floats, *, supply: float = 1.0, **_: float
-) -> Floats:
-    """Minus the lost share of that while power flows back."""
-    return _lost_share(signals, coefficients, supply=supply)
 
 
 def _shown_there(signals: Signals, *, supply: float = 0.0, **_: float) -> bool:
@@ -151,8 +141,8 @@ REGENERATION_LIMIT = Effect(
     formula='b·(share of the drive)·max(0, −sum of P over the bus); supply = 0: b·max(0, −P)',
     terms=(Term('b', '1', 0.0, 1.0, attained=True),),
     scaling={},
-    regressors=_returned_together,
-    drawn_slope=_lost_together,
+    regressors=partial(_returned, supply=1.0),
+    drawn_slope=partial(_lost_share, supply=1.0),
     follows=frozenset({'drawn'}),
     per_drive=True,
     shapes=({'supply': 1.0}, {'supply': 0.0}),  # diodes in the supply, or in front of each drive
