@@ -1,5 +1,6 @@
 """Departures of effects from their formulas, as columns of a meter's linear problem."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,9 +22,14 @@ Point = Mapping[str, tuple[Active, Floats]]
 _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
-_NARROW: Final = 5.0  # times, by which friction's sign may turn faster than its formula's
+_SLOWEST: Final = 0.5
+_OCTAVES: Final = 5
+"""Friction's sign may turn from half to 16 times as fast as by its formula, or as any mixture.
+
+At rest a measured speed is noise, on which the sign hardly depends: there it may turn slowly, and
+fast beyond.
+"""
 _REACH: Final = 0.05  # s at the speed where its sign turns: the way on which friction turns
-_TURNS_FASTER: Final = 0.7  # prior spread of that, by its logarithm over that of _NARROW
 _AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
 
@@ -119,23 +125,26 @@ class Departures:
     def _when_slow(self, point: Point, effects: Mapping[str, Floats], s: Signals) -> list[Floats]:
         """Departures of dry friction near standstill, W [T, D]; none without friction.
 
-        The speed at which its sign turns is not known: it may be five times as low. And it holds
-        a drive at rest as that last moved (Dahl 1968), where its formula is 0.
+        The speed at which its sign turns is not known. And it holds a drive at rest as that last
+        moved (Dahl 1968), where its formula is 0.
         """
         dry = {name: each for name, each in point.items() if _kind(name) == 'friction'}
         if not dry:
             return []
-        slow = s.scale.standstill
-        rests = replace(s, motor_velocity=3.0 * slow * self._last_way)
+        standstill = s.scale.standstill
+        rests = replace(s, motor_velocity=3.0 * standstill * self._last_way)
         now, held = (
             np.sum([torques[name] for name in dry], axis=0)
             for torques in (effects, self._weighted(dry, rests))
         )
-        near = np.abs(s.motor_velocity) / slow + 1e-9
-        turn = np.tanh(_NARROW * near) / np.tanh(near) - 1.0
+        near = np.abs(s.motor_velocity) / standstill + 1e-9
+        turns = [np.tanh(_SLOWEST * near)]
+        for _ in range(_OCTAVES):
+            turns.append(2.0 * turns[-1] / (1.0 + np.square(turns[-1])))  # tanh 2x by tanh x
+        power = now * (s.motor_velocity + s.torque_cost) / np.tanh(near)
         rest = (held - now) * np.exp(-np.square(near / 2.0)) * np.abs(self._last_way)
         return [
-            _TURNS_FASTER * turn * now * (s.motor_velocity + s.torque_cost),
+            *((fast - slow) * power for slow, fast in itertools.pairwise(turns)),
             _AT_REST * rest * s.torque_cost,
         ]
 
