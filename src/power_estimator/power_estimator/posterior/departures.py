@@ -22,13 +22,12 @@ Point = Mapping[str, tuple[Active, Floats]]
 _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
-_SLOWEST: Final = 0.5
-_OCTAVES: Final = 5
-"""Friction's sign may turn from half to 16 times as fast as by its formula, or as any mixture.
+_OCTAVES: Final = 4
+"""Friction's sign may turn 1 to 16 times as fast as by its formula, or as a mixture.
 
-At rest a measured speed is noise, on which the sign hardly depends: there it may turn slowly, and
-fast beyond.
+At rest a measured speed is noise, on which the sign hardly depends: it may turn fast only beyond.
 """
+_TURNS: Final = 0.5  # share of friction by which each octave takes part
 _REACH: Final = 0.05  # s at the speed where its sign turns: the way on which friction turns
 _AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
@@ -138,10 +137,10 @@ class Departures:
             for torques in (effects, self._weighted(dry, rests))
         )
         near = np.abs(s.motor_velocity) / standstill + 1e-9
-        turns = [np.tanh(_SLOWEST * near)]
+        turns = [np.tanh(near)]
         for _ in range(_OCTAVES):
             turns.append(2.0 * turns[-1] / (1.0 + np.square(turns[-1])))  # tanh 2x by tanh x
-        power = now * (s.motor_velocity + s.torque_cost) / np.tanh(near)
+        power = _TURNS * now * (s.motor_velocity + s.torque_cost) / turns[0]
         rest = (held - now) * np.exp(-np.square(near / 2.0)) * np.abs(self._last_way)
         return [
             *((fast - slow) * power for slow, fast in itertools.pairwise(turns)),
