@@ -57,7 +57,7 @@ def of_cause(departed, cause, place):
 
 
 def dry(speed, cost=0.0, recording=None):
-    """Departures of 2 N·m of dry friction of a drive that moves at so many rad/s [T]; last two."""
+    """Departures of 2 N·m of dry friction of a drive at so many rad/s [T]: turns, and at rest."""
     moves = np.broadcast_to(speed, TIME.shape)[:, None]
     none = np.zeros_like(moves, dtype=np.float64)
     pieces = np.zeros(len(TIME), np.int32) if recording is None else recording
@@ -82,29 +82,32 @@ def dry(speed, cost=0.0, recording=None):
     as_they_are = Reducer(100.0, (slice(0, len(TIME)),), steady=True)
     prepared = SimpleNamespace(signals=given, reducer=as_they_are, reduced=as_they_are.reduce)
     builder = SimpleNamespace(prepared=prepared, regressors=lambda a, s: a.effect.regressors(s))
-    return Departures(builder).of({own.name: (own, np.array([2.0]))}, given).formed[:, -2:].T
+    return Departures(builder).of({own.name: (own, np.array([2.0]))}, given).formed[:, -5:].T
 
 
 def test_dry_friction_holds_a_drive_at_rest_as_it_last_moved():
-    _, held = dry(np.where(TIME < 2.0, 1.0, 0.0), cost=1.5)
+    *_, held = dry(np.where(TIME < 2.0, 1.0, 0.0), cost=1.5)
     assert held[TIME < 1.9] == pytest.approx(0.0, abs=1e-6)
     assert held[TIME > 2.1] == pytest.approx(0.5 * 2.0 * 1.5, rel=0.01)  # half of 2 N·m
-    _, held = dry(np.where(TIME < 2.0, -1.0, 0.0), cost=1.5)
+    *_, held = dry(np.where(TIME < 2.0, -1.0, 0.0), cost=1.5)
     assert held[TIME > 2.1] == pytest.approx(-0.5 * 2.0 * 1.5, rel=0.01)
 
 
 def test_how_a_drive_moved_in_another_recording_does_not_hold_it():
     other = (TIME >= 2.5).astype(np.int32)
-    _, held = dry(np.where(TIME < 2.0, 1.0, 0.0), cost=1.5, recording=other)
+    *_, held = dry(np.where(TIME < 2.0, 1.0, 0.0), cost=1.5, recording=other)
     assert held[(TIME > 2.1) & (TIME < 2.5)] == pytest.approx(1.5, rel=0.01)
     assert held[TIME >= 2.5] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_sign_of_friction_may_turn_five_times_as_fast_as_its_formulas():
+def test_the_sign_of_friction_may_turn_up_to_sixteen_times_as_fast_octave_by_octave():
     slow = 0.02  # rad/s, of 0.05 below which the sign fades out
-    turn, _ = dry(slow)
-    now, faster = np.tanh(slow / 0.05), np.tanh(5.0 * slow / 0.05)
-    assert turn == pytest.approx(0.7 * 2.0 * (faster - now) * slow)
+    *turns, _ = dry(slow)
+    for turn, times in zip(turns, (1.0, 2.0, 4.0, 8.0), strict=True):
+        faster, now = (np.tanh(n * slow / 0.05) for n in (2.0 * times, times))
+        assert turn == pytest.approx(0.5 * 2.0 * (faster - now) * slow)
+    # Twice each of them, the half of 2 N·m being taken, is the sign 16 times as fast.
+    assert 2.0 * sum(turns) == pytest.approx(2.0 * (np.tanh(6.4) - np.tanh(0.4)) * slow)
     assert dry(1.0)[0] == pytest.approx(0.0, abs=1e-9)
 
 

@@ -15,6 +15,8 @@ from power_estimator.posterior.priors import NAMED
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.summary import summarised
 from truth_circuit import Truth, record
+from truths import Case
+from truths import record as true_plant
 
 EFFECTS = builtin_catalogue()
 KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
@@ -70,3 +72,10 @@ def test_a_model_of_the_shaft_alone_lacks_copper_loss():
     prepared = prepare(record(truth).drives(['LF_KFE']))
     found = judged_effects(prepared, [Active.of(EFFECTS['shaft'])], EFFECTS)
     assert found.probability['copper_loss'] > NAMED
+
+
+def test_an_arm_that_rests_under_load_lacks_no_stribeck_friction_for_its_noise_of_speed():
+    truth = true_plant(Case('rigid', 'arm', 60.0, 1, 67100001, strength=2.0))
+    known = [Active.of(EFFECTS[name]) for name in truth.known]
+    found = judged_effects(prepare(truth.data), known, EFFECTS)
+    assert found.probability['stribeck_friction'] < 0.5
