@@ -118,6 +118,7 @@ def test_names_come_before_what_stays_where_that_is_less_than_half():
         'held-out data falls from 9.00 to 0.40 W.'
     )
     assert 'Of 0.40 W of held-out error 0.30 W rms stays unexplained' in remainder(found, 0.4)
+    assert remainder(found, 0.301) == 'All 0.30 W of held-out error stay unexplained.'
 
 
 @pytest.mark.parametrize('after', [0.79, 0.85])
@@ -166,8 +167,8 @@ def test_one_candidate_is_told_from_nothing_but_its_absence():
     )
     assert (found.verdict, found.effects) == ('ambiguous', ('load_friction',))
     assert said(found) == (
-        'Friction that grows with load is missing (0.94): with it the error falls by 0.07 of '
-        '1.00 W; 0.46 W (2.3% of power) stays.'
+        'Friction that grows with load is missing (0.94): it takes 0.07 of 1.00 W of error away; '
+        'without it 0.46 W (2.3% of power) stays.'
     )
     assert 'which tells whether it is missing' in to_do(found, 1.0, 1.0)
 

@@ -32,17 +32,18 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
         told += [] if left.most else [f'{long}.']
         return _fitting(diagnosis.effects, 'and', *told, f'{brief}; {stays} stays.')
     if diagnosis.verdict == 'named' or len(shown) == 1:
-        fall = 0.0 if diagnosis.verdict == 'named' else shown[0].delta_rmse_w
+        named = diagnosis.verdict == 'named'
+        fall, now = (0.0, '') if named else (shown[0].delta_rmse_w, 'without it ')
         rises = round(after, 2) > round(before, 2)
         way = f'the held-out error {"rises to" if rises else "stays at"}'
         said = f', but with {{them}} {way} {after:.2f} W'
         if round(fall, 2) > 0.0:
-            said = f': with {{them}} the error falls by {fall:.2f} of {before:.2f} W'
+            said = f': it takes {fall:.2f} of {before:.2f} W of error away'
         return _fitting(
             diagnosis.effects,
             'and',
-            f'{{names}} {{are}} missing with probability {sure}{said}; {stays} stays.',
-            f'{{names}} {{are}} missing ({sure}){said}; {stays} stays.',
+            f'{{names}} {{are}} missing with probability {sure}{said}; {now}{stays} stays.',
+            f'{{names}} {{are}} missing ({sure}){said}; {now}{stays} stays.',
         )
     missing = 'is' if diagnosis.found.any_missing >= NAMED else 'may be'
     one = f'{missing} missing ({rounded_down(diagnosis.found.any_missing, 2):.0%})'
@@ -114,12 +115,13 @@ def remainder(diagnosis: Diagnosis, after: float) -> str:
     if not left.stands_out:
         return ''
     over = f', most of it over {left.over[0]}' if left.over else ''
+    whole, stays = f'{after:.2f} W', f'{left.rms_w:.2f} W'
+    if whole == stays:
+        return f'All {whole} of held-out error stay unexplained{over}.'
     rest = [f"the meter's noise ({left.noise_w:.2f} W)"] if np.isfinite(left.noise_w) else []
     rest += [] if diagnosis.prepared.steady else ['what passes between two samples']
     told = f'; the rest is {" and ".join(rest)}' if rest else ''
-    return (
-        f'Of {after:.2f} W of held-out error {left.rms_w:.2f} W rms stays unexplained{over}{told}.'
-    )
+    return f'Of {whole} of held-out error {stays} rms stays unexplained{over}{told}.'
 
 
 def to_add(diagnosis: Diagnosis, before: float, after: float) -> tuple[str, ...]:
@@ -142,7 +144,7 @@ def to_learn(diagnosis: Diagnosis) -> bool:
 
 def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
     """Return the next step in a sentence; before, after: as in `sentence`."""
-    record = 'record the motion of `next_recording`'
+    record = 'record the proposed motion'
     effects = to_add(diagnosis, before, after)
     if diagnosis.verdict == 'named' and effects:
         return f'Next: `power_lab add {" ".join(effects)}`, then diagnose again.'
