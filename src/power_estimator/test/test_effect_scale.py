@@ -223,3 +223,10 @@ def test_the_noise_of_a_stalled_drives_encoder_is_no_rate_of_its_velocity():
     )
     model = fitted(stalled, 'shaft', 'copper_loss', 'idle')
     assert model.groups[0].coefficients['copper_loss'][0].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_flywheel_that_hardly_loads_its_motor_is_as_large_as_its_power():
+    scale = material(turning(torque=0.2, speed=600.0, copper=40.0, idle=4.0)).prepared.scale
+    # Its largest torque is some 0.3 N·m; 40 N·m at 600 rad/s would be 24 kW.
+    assert scale.torque == pytest.approx(0.3 / 40.0, rel=0.5)
+    assert scale.power * 320.0 < 500.0  # W
