@@ -229,18 +229,22 @@ def test_operating_points_are_asked_for_nothing_that_needs_time(tmp_path, capsys
     assert 'constant for' not in out
 
 
-def test_a_power_at_a_constant_voltage_is_said_to_be_one(tmp_path, capsys):
+@pytest.mark.parametrize('meter', ['current', 'power'])
+def test_a_power_is_said_to_be_of_a_constant_voltage_where_a_current_is_metered(
+    tmp_path, capsys, meter
+):
     columns = {'time_s': T, 'speed_rpm': SPEED, 'torque_nm': TORQUE, 'current': 1 + TORQUE}
     log = csv(tmp_path / 'log.csv', np.stack(list(columns.values()), axis=1), ','.join(columns))
     (tmp_path / 'map.yaml').write_text(
         'format: import/1\ntime: {column: time_s}\ndrives:\n  A:\n'
         '    velocity: {from: speed_rpm}\n    torque: {from: torque_nm}\n'
-        '    voltage: {value: 24, unit: V}\n    current: {from: current, unit: A}\n'
+        '    voltage: {value: 24, unit: V}\n'
+        f'    {meter}: {{from: current}}\n'
     )
     args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
     assert main([str(log), *args]) == 0
-    out = capsys.readouterr().out
-    assert 'its voltage is 24 V throughout: its power is a constant times its current' in out
+    said = 'its voltage is 24 V throughout: its power is a constant times its current'
+    assert (said in capsys.readouterr().out) == (meter == 'current')
 
 
 def swing(**columns):

@@ -218,7 +218,8 @@ class _Checker:
                 mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
                 self._find('units', 'error', name, f'{text}{unit}?', mend)
         power = electric.power[:, column]
-        if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
+        volts = constant_voltage(name, electric.voltage[:, column])
+        if volts is not None and not self._recording.card.lacks(name, 'current'):
             self.findings.append(volts)
         rate = float(updates(electric.stamp_ns, power[:, None])[0])
         self._slow(rate, name, 'its', ' of a joint')
