@@ -206,6 +206,22 @@ def test_a_constant_voltage_is_proposed_only_where_no_column_is_in_volts(tmp_pat
     assert '{value: 48, unit: V}   # no column is in volts: fill in' in lines['voltage']
 
 
+@pytest.mark.parametrize(
+    ('symbols', 'found'),
+    [(('q', 'dq', 'tau', 'P'), 2), (('q', 'dq', 'tau', 'p'), 0), (('th', 'dq', 'tau', 'P'), 0)],
+)
+def test_a_p_is_a_power_beside_q_dq_and_tau_alone(tmp_path, capsys, symbols, found):
+    values = (ANGLE, SPEED, TORQUE, WATTS)
+    columns = {
+        f'{joint}_{symbol}': signal + k * np.cos(3 * T)
+        for k, joint in enumerate(('hip', 'knee'))
+        for symbol, signal in zip(symbols, values, strict=True)
+    }
+    text, _ = guess(tmp_path, capsys, **columns)
+    assert text.count('power: {from: hip_P,') + text.count('power: {from: knee_P,') == found
+    assert text.count(', positive: drawn}') == found
+
+
 def test_a_list_says_of_which_rows_its_ranges_are(tmp_path, capsys):
     pyarrow, parquet = pytest.importorskip('pyarrow'), pytest.importorskip('pyarrow.parquet')
     columns = {'t_s': np.arange(99_894) / 500, 'vel_rad_s': np.sin(np.arange(99_894.0))}
