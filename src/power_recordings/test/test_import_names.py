@@ -206,6 +206,24 @@ def test_a_constant_voltage_is_proposed_only_where_no_column_is_in_volts(tmp_pat
     assert '{value: 48, unit: V}   # no column is in volts: fill in' in lines['voltage']
 
 
+def test_a_lone_power_of_several_drives_is_that_of_the_supply_which_needs_no_voltage(
+    tmp_path, capsys
+):
+    wheels = {'tau_l': TORQUE, 'tau_r': -SPEED, 'w_l': SPEED, 'w_r': np.cos(SPEED)}
+    text, _ = guess(tmp_path, capsys, **wheels, **{'Battery power (W)': WATTS})
+    assert "\nsupply: {power: {from: 'Battery power (W)', unit: W}}\n" in text
+    assert 'no column looks like that of a supply' not in text
+    (tmp_path / 'map.yaml').write_text('#' + text)
+    args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
+    assert main([str(tmp_path / 'log.csv'), *args]) == 0
+    assert '1 V' not in capsys.readouterr().out
+    current = {'batt_A': WATTS / VOLTS}  # of no known voltage
+    text, _ = guess(tmp_path, capsys, **wheels, **current, batt_power_W=WATTS)
+    assert '\nsupply: {power: {from: batt_power_W, unit: W}}\n' in text
+    text, _ = guess(tmp_path, capsys, **wheels, batt_V=VOLTS)
+    assert 'supply:' not in text
+
+
 @pytest.mark.parametrize(
     ('symbols', 'found'),
     [(('q', 'dq', 'tau', 'P'), 2), (('q', 'dq', 'tau', 'p'), 0), (('th', 'dq', 'tau', 'P'), 0)],

@@ -388,8 +388,9 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
 
 def _supply_lines(whole: ByQuantity) -> list[str]:
     parts, note = list[str](), ''
+    pair = whole.get('voltage') and whole.get('current')
     for quantity, own in whole.items():
-        if own and not (quantity == 'power' and len(parts) == 2):
+        if own and quantity != ('power' if pair else 'current'):
             best = min(own, key=lambda c: c.rank)
             unit, sign = best.unit or _GUESSED_UNIT[quantity], ''
             if quantity != 'voltage' and np.nanmean(best.values) < 0:
@@ -397,4 +398,4 @@ def _supply_lines(whole: ByQuantity) -> list[str]:
             elif rivals := [c.address for c in own if c != best and c.rank == best.rank]:
                 note = f'   # or {printable(", ".join(rivals))}: a meter of each drive?'
             parts.append(f'{quantity}: {{from: {yaml_text(best.address)}, unit: {unit}{sign}}}')
-    return [f'supply: {{{", ".join(parts)}}}{note}'] if len(parts) > 1 else []
+    return [f'supply: {{{", ".join(parts)}}}{note}'] if pair or whole.get('power') else []
