@@ -20,15 +20,17 @@ def guessed(folder, capsys, columns):
     capsys.readouterr()
     assert main([str(log), '--list']) == 0
     text = capsys.readouterr().out
-    (folder / 'map.yaml').write_text(text)
+    (folder / 'map.yaml').write_text(
+        text.replace('# voltage: {value: VOLTS', 'voltage: {value: 48')
+    )
     assert main([str(log), '--map', str(folder / 'map.yaml'), '-o', str(folder / 'bag')]) == 0
     lines = [line.strip() for line in text.splitlines() if not line.startswith('#')]
     return Recording.open(folder / 'bag'), {line.partition(':')[0]: line for line in lines}
 
 
 def test_several_logs_of_the_same_columns_have_one_map(tmp_path, capsys):
-    table = np.stack([T, SPEED, TORQUE, SHAFT], axis=1)
-    head = 'time_s,speed_rpm,torque_nm,power_w'
+    table = np.stack([T, SPEED, TORQUE, SHAFT, 0 * T + 48], axis=1)
+    head = 'time_s,speed_rpm,torque_nm,power_w,volts'
     logs = [str(csv(tmp_path / f'{name}.csv', table, head)) for name in ('a', 'b')]
     logs.append(str(csv(tmp_path / 'c.csv', table[:, :2], 'time_s,speed_rpm')))
     capsys.readouterr()
@@ -326,8 +328,8 @@ def test_a_voltage_may_stand_still_and_one_that_lacks_is_to_be_filled_in(tmp_pat
     del columns['U_DC [V]']
     (tmp_path / 'b').mkdir()
     _, lines = guessed(tmp_path / 'b', capsys, columns)
-    assert lines['voltage'].startswith('voltage: {value: 48, unit: V}')
-    assert 'fill in' in lines['voltage']
+    assert lines['# voltage'].startswith('# voltage: {value: VOLTS, unit: V}')
+    assert 'fill in' in lines['# voltage']
 
 
 def test_a_first_column_that_goes_on_evenly_is_the_time(tmp_path, capsys):

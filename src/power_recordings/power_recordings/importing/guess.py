@@ -61,7 +61,7 @@ _OTHER_SIDE: Final = (
     '    # motor_current: {{from: {}, unit: A}}   # what was commanded, N·m for A up to a '
     'constant: without the leading #, `fit` holds both sides of the gear against the power'
 )
-_NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column is in volts: fill in'
+_NO_VOLTAGE: Final = '    # voltage: {value: VOLTS, unit: V}   # no column is in volts: fill in'
 _MOTORS: Final = r'(^|_)(motor|mot|rotor)(_|$)'
 _COMPUTED: Final = r'(^|_)(est[a-z]*|hat|calc[a-z]*|cur[a-z]*|iq)(_|$)'
 _MEASURED: Final = r'sensor|load_?cell|transducer'
@@ -235,8 +235,7 @@ class _Drive:
         lines += self._other_side()
         if _POWERS & set(self._taken) and 'temperature' not in self._taken:
             lines.append(_NONE.format('temperature', 'degC'))
-        if 'torque' not in self._taken:
-            lines.append(_NO_TORQUE)
+        lines += [] if 'torque' in self._taken else [_NO_TORQUE]
         if _POWERS & set(self._taken) and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
         elif not metered and not _POWERS & set(self._taken):
