@@ -195,15 +195,63 @@ def test_figures_of_one_signal_are_no_drives_and_what_changes_sign_no_supply(tmp
     figures = {'tau_mean': TORQUE, 'tau_std': T, 'vel_mean': SPEED, 'vel_std': T % 1, 'u': SPEED}
     text, lines = guess(tmp_path, capsys, **figures, amps=WATTS)
     assert '\n  DRIVE:\n' in text
-    assert 'value: 48' in lines['voltage']
+    assert 'value: VOLTS' in lines['# voltage']
 
 
-def test_a_constant_voltage_is_proposed_only_where_no_column_is_in_volts(tmp_path, capsys):
+def test_a_constant_voltage_is_asked_for_only_where_no_column_is_in_volts(tmp_path, capsys):
     own = {'pos_1': SPEED, 'vel_1': SPEED, 'amps_1': WATTS, 'pos_2': TORQUE, 'vel_2': TORQUE}
     _, lines = guess(tmp_path, capsys, **own, amps_2=WATTS, battery_voltage=VOLTS)
     assert 'voltage: {from: battery_voltage, unit: V}' in lines['voltage']
     _, lines = guess(tmp_path, capsys, **own, amps_2=WATTS)
-    assert '{value: 48, unit: V}   # no column is in volts: fill in' in lines['voltage']
+    assert '{value: VOLTS, unit: V}   # no column is in volts: fill in' in lines['# voltage']
+
+
+@pytest.mark.parametrize(
+    ('mark', 'says'),
+    [('', 'power without voltage; add voltage: {from: …} or {value: VOLTS'), ('# ', "is 'VOLTS'")],
+)
+def test_a_voltage_that_was_not_filled_in_is_refused_in_one_line(tmp_path, capsys, mark, says):
+    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, power_W=WATTS)
+    (tmp_path / 'map.yaml').write_text('#' + text.replace(f'{mark}voltage:', 'voltage:'))
+    args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
+    assert main([str(tmp_path / 'log.csv'), *args]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'drives.DRIVE' in line
+    assert says in line
+
+
+def test_a_lone_power_of_several_drives_is_that_of_the_supply_which_needs_no_voltage(
+    tmp_path, capsys
+):
+    wheels = {'tau_l': TORQUE, 'tau_r': -SPEED, 'w_l': SPEED, 'w_r': np.cos(SPEED)}
+    text, _ = guess(tmp_path, capsys, **wheels, **{'Battery power (W)': WATTS})
+    assert "\nsupply: {power: {from: 'Battery power (W)', unit: W}}\n" in text
+    assert 'no column looks like that of a supply' not in text
+    (tmp_path / 'map.yaml').write_text('#' + text)
+    args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
+    assert main([str(tmp_path / 'log.csv'), *args]) == 0
+    assert '1 V' not in capsys.readouterr().out
+    current = {'batt_A': WATTS / VOLTS}  # of no known voltage
+    text, _ = guess(tmp_path, capsys, **wheels, **current, batt_power_W=WATTS)
+    assert '\nsupply: {power: {from: batt_power_W, unit: W}}\n' in text
+    text, _ = guess(tmp_path, capsys, **wheels, batt_V=VOLTS)
+    assert 'supply:' not in text
+
+
+@pytest.mark.parametrize(
+    ('symbols', 'found'),
+    [(('q', 'dq', 'tau', 'P'), 2), (('q', 'dq', 'tau', 'p'), 0), (('th', 'dq', 'tau', 'P'), 0)],
+)
+def test_a_p_is_a_power_beside_q_dq_and_tau_alone(tmp_path, capsys, symbols, found):
+    values = (ANGLE, SPEED, TORQUE, WATTS)
+    columns = {
+        f'{joint}_{symbol}': signal + k * np.cos(3 * T)
+        for k, joint in enumerate(('hip', 'knee'))
+        for symbol, signal in zip(symbols, values, strict=True)
+    }
+    text, _ = guess(tmp_path, capsys, **columns)
+    assert text.count('power: {from: hip_P,') + text.count('power: {from: knee_P,') == found
+    assert text.count(', positive: drawn}') == found
 
 
 def test_a_list_says_of_which_rows_its_ranges_are(tmp_path, capsys):

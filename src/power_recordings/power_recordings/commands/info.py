@@ -71,7 +71,7 @@ def print_quality(checked: Checked) -> None:
     if (supply := quality.supply) is not None:
         signals = (
             f'{name} {_span(ends)} {unit} ({supply.updates_hz[name]:.0f} Hz)'
-            for (name, ends), unit in zip(supply.ranges.items(), 'WVA', strict=True)
+            for (name, ends), unit in zip(supply.ranges.items(), 'WVA', strict=False)
         )
         console.print(f'  supply: {", ".join(signals)}')
         if supply.slope == supply.slope:

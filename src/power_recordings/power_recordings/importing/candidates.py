@@ -101,6 +101,7 @@ _RULES: Final = (
     ('velocity', r'^n(_[a-z]+)?$|(^|_)rate(_|$)'),
     ('position', r'(^|_)(ang|enc|encoder)(_|$)'),
 )
+_LETTER_P: Final = r'(?<![A-Za-z])P(?![A-Za-z])'  # a power beside q, dq and tau of its drive
 _TIMED: Final = r'_t(_(s|ms|us|ns))?$'  # behind a group's name, of a column that rises
 _VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)[uv](_|$)'))  # from here not whose it is
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
@@ -167,13 +168,13 @@ class CandidateColumn:
 
 def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
     """Return the columns that vary and may hold a quantity, each with its drive."""
-    found = [c for item in listed if (c := _candidate(item)) is not None]
+    names = {item.column.address for item in listed}
+    found = [c for item in listed if (c := _candidate(item, names)) is not None]
     angles = [c for c in found if is_mere_angle(c)]
     rest = [_held(c, found) for c in found if not is_mere_angle(c)]
     found = _by_word(_by_number(rest), angles)
     drives = {c.drive for c in found} - {''}
     found, angles = ([_named(c, drives) for c in part] for part in (found, angles))
-    names = {item.column.address for item in listed}
     found = [c for c in found if not _of_phase(c, names)]
     placed = [c.drive for c in (*found, *angles) if c.quantity == 'position']
     return [
@@ -205,13 +206,16 @@ def is_mere_angle(candidate: CandidateColumn) -> bool:
     return candidate.quantity == 'position' and candidate.rank >= _BY_UNIT
 
 
-def _candidate(item: Listed) -> CandidateColumn | None:
+def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     column = item.column
     still = item.low == item.high or (item.rows > 1 and not item.changes > 0)
     if still and not (np.isfinite(item.low) and item.low != 0):
         return None
     unit = column.unit or unit_of(column.address)
     name = words(_stem(column.address) if '/' in column.address + unit else column.address)
+    motion = {re.sub(_LETTER_P, symbol, column.address) for symbol in ('q', 'dq', 'tau')}
+    if motion <= names - {column.address}:
+        name = 'power'
     bracket = _BRACKETS.search(column.address)
     said = bracket[1] if bracket else ''
     fits = ('velocity',) if said in _OF_NO_SIZE else quantities_of(unit) if unit else ()

@@ -61,7 +61,7 @@ _OTHER_SIDE: Final = (
     '    # motor_current: {{from: {}, unit: A}}   # what was commanded, N·m for A up to a '
     'constant: without the leading #, `fit` holds both sides of the gear against the power'
 )
-_NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column is in volts: fill in'
+_NO_VOLTAGE: Final = '    # voltage: {value: VOLTS, unit: V}   # no column is in volts: fill in'
 _MOTORS: Final = r'(^|_)(motor|mot|rotor)(_|$)'
 _COMPUTED: Final = r'(^|_)(est[a-z]*|hat|calc[a-z]*|cur[a-z]*|iq)(_|$)'
 _MEASURED: Final = r'sensor|load_?cell|transducer'
@@ -235,8 +235,7 @@ class _Drive:
         lines += self._other_side()
         if _POWERS & set(self._taken) and 'temperature' not in self._taken:
             lines.append(_NONE.format('temperature', 'degC'))
-        if 'torque' not in self._taken:
-            lines.append(_NO_TORQUE)
+        lines += [] if 'torque' in self._taken else [_NO_TORQUE]
         if _POWERS & set(self._taken) and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
         elif not metered and not _POWERS & set(self._taken):
@@ -388,8 +387,9 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
 
 def _supply_lines(whole: ByQuantity) -> list[str]:
     parts, note = list[str](), ''
+    pair = whole.get('voltage') and whole.get('current')
     for quantity, own in whole.items():
-        if own and not (quantity == 'power' and len(parts) == 2):
+        if own and quantity != ('power' if pair else 'current'):
             best = min(own, key=lambda c: c.rank)
             unit, sign = best.unit or _GUESSED_UNIT[quantity], ''
             if quantity != 'voltage' and np.nanmean(best.values) < 0:
@@ -397,4 +397,4 @@ def _supply_lines(whole: ByQuantity) -> list[str]:
             elif rivals := [c.address for c in own if c != best and c.rank == best.rank]:
                 note = f'   # or {printable(", ".join(rivals))}: a meter of each drive?'
             parts.append(f'{quantity}: {{from: {yaml_text(best.address)}, unit: {unit}{sign}}}')
-    return [f'supply: {{{", ".join(parts)}}}{note}'] if len(parts) > 1 else []
+    return [f'supply: {{{", ".join(parts)}}}{note}'] if pair or whole.get('power') else []

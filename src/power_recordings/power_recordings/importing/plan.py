@@ -356,7 +356,7 @@ def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:
         if given in channels and 'voltage' not in channels:
             raise InputError(
                 f'{where}: {given} without voltage; add voltage: {{from: …}} or '
-                '{value: 48, unit: V}'
+                '{value: VOLTS, unit: V}'
             )
     if {'power', 'current'} <= set(channels):
         raise InputError(f'{where}: give current or power, not both')

@@ -218,7 +218,8 @@ class _Checker:
                 mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
                 self._find('units', 'error', name, f'{text}{unit}?', mend)
         power = electric.power[:, column]
-        if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
+        volts = constant_voltage(name, electric.voltage[:, column])
+        if volts is not None and not self._recording.card.lacks(name, 'current'):
             self.findings.append(volts)
         rate = float(updates(electric.stamp_ns, power[:, None])[0])
         self._slow(rate, name, 'its', ' of a joint')
@@ -299,6 +300,8 @@ class _Checker:
             mend = self._recording.card.turned_meter('')
             self._find('supply_sign', 'error', '', text, mend)
         signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
+        if (supply.voltage == 1.0).all():  # so an import writes a power without a voltage
+            signals = {'power': supply.power}
         found = updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
         rates = dict(zip(signals, found, strict=True))
         if self._electric is None:
