@@ -12,7 +12,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import material
 from power_estimator.posterior.judged import judged_effects
-from power_estimator.posterior.odds import seconds_judged
+from power_estimator.posterior.priors import MOST_SECONDS
 from power_estimator.posterior.summary import MeterSummary
 from power_recordings.alignment.dataset import AlignedDataset
 
@@ -62,8 +62,7 @@ def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
     known: effects of the base. Intervals are at LEVELS.
     """
     catalogue = builtin_catalogue()
-    given = material(data, per='drive')
-    given = given.at_most(seconds_judged(len(given.prepared.names)))
+    given = material(data, per='drive').at_most(MOST_SECONDS)
     prepared = given.prepared
     actives = [Active.of(catalogue[name]) for name in known]
     actives = [active for active in actives if active.effect.usable(prepared.signals)]

@@ -11,7 +11,6 @@ from power_estimator.posterior import fitted_set
 from power_estimator.posterior.fitted_set import fit_set, settle
 from power_estimator.posterior.judged import judged_effects
 from power_estimator.posterior.meter import MeterProblem
-from power_estimator.posterior.odds import seconds_judged
 from power_estimator.posterior.priors import NAMED
 from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.summary import summarised
@@ -80,9 +79,3 @@ def test_an_arm_that_rests_under_load_lacks_no_stribeck_friction_for_its_noise_o
     known = [Active.of(EFFECTS[name]) for name in truth.known]
     found = judged_effects(prepare(truth.data), known, EFFECTS)
     assert found.probability['stribeck_friction'] < 0.5
-
-
-def test_several_drives_are_judged_by_as_much_as_one_alone_for_90_s():
-    # Of n drives half of the errors are common: n / (1 + (n - 1) / 2) of them count.
-    assert [seconds_judged(drives) for drives in (1, 3)] == [90.0, 60.0]
-    assert seconds_judged(12) == seconds_judged(4) == pytest.approx(56.25)  # four are searched

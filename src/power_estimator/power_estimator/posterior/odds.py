@@ -7,15 +7,11 @@ from scipy.special import log_ndtr, logit
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.priors import (
-    ALIKE,
-    ALL_SEARCHED,
     EXPECTED,
     MIMICS,
     MISSING,
-    MOST_SECONDS,
     NAMED,
     OF_USERS,
-    SEARCHED,
     SHARES,
     TOLD_APART,
     USUAL,
@@ -30,17 +26,6 @@ def prior_of(name: str, *, expected: bool = False) -> float:
     """
     usual = MISSING.get(name.partition('@')[0], OF_USERS)
     return max(EXPECTED, usual) if expected else usual
-
-
-def pooled(drives: int) -> float:
-    """Factor of the evidence of drives of one robot, whose formulas' errors are ALIKE."""
-    return 1.0 / (1.0 + (drives - 1) * ALIKE)
-
-
-def seconds_judged(meters: int) -> float:
-    """Seconds of each meter's recordings that say as much as MOST_SECONDS of one alone."""
-    searched = meters if meters <= ALL_SEARCHED else SEARCHED
-    return MOST_SECONDS / (searched * pooled(searched))
 
 
 def over_by_share(name: str, other: str, share: float, spread: float) -> float:

@@ -134,4 +134,4 @@ With the tails of Student's t of 2 degrees of freedom. Learned on plants of seed
 OFF: Final = 0.02
 """Error of a scale or gain from which it is off: beyond a good sensor's."""
 SENSORS_OFF: Final = 0.25  # share of sensors whose error is more than that of a good one
-MOST_SECONDS: Final = 90.0  # of a drive's recordings that are judged: 150 s named the same
+MOST_SECONDS: Final = 90.0  # of a robot's recordings that are judged: 150 s named the same

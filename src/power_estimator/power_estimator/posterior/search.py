@@ -14,8 +14,8 @@ from power_estimator.posterior.effect_columns import EffectColumns
 from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
 from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import MeterProblem, Point, representatives
-from power_estimator.posterior.odds import has_wholes, loses_twice, pooled, prior_of
-from power_estimator.posterior.priors import KNOWN_SIZE, PAIRS, SHARES, STEPS, TRIED, WORTH
+from power_estimator.posterior.odds import has_wholes, loses_twice, prior_of
+from power_estimator.posterior.priors import ALIKE, KNOWN_SIZE, PAIRS, SHARES, STEPS, TRIED, WORTH
 
 Chosen = tuple[int, ...]
 _NEVER = -1e4  # nats
@@ -65,7 +65,7 @@ class EffectSearch:
         self.judged: dict[Chosen, list[FittedSet]] = {}
         # Of many drives, those that are not searched are taken as they begin.
         self.shares_bus = 1 < count == len(self.meters)
-        self.pooled = pooled(len(self.meters))
+        self.pooled = 1.0 / (1.0 + (len(self.meters) - 1) * ALIKE)
         self.made: list[EffectColumns] = []
         self._normals: dict[int, NormalEquations] = {}
         self._plain: tuple[list[EffectColumns], dict[int, NormalEquations]] = self.made, {}

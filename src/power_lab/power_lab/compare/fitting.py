@@ -11,7 +11,7 @@ from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
 from power_estimator.loader import on_base
 from power_estimator.posterior.intervals import with_intervals
-from power_estimator.posterior.odds import seconds_judged
+from power_estimator.posterior.priors import MOST_SECONDS
 from wattwalk_core.errors import InputError
 
 
@@ -47,7 +47,7 @@ def fitted(
         prior={name: own for name, own in (prior or {}).items() if name in names},
     )
     if intervals and not model.prior:  # which the posterior does not know
-        judged_on = material.at_most(seconds_judged(len(material.prepared.names)))
+        judged_on = material.at_most(MOST_SECONDS)
         model = with_intervals(model, judged_on.prepared, judged_on.base_power)
     model = on_base(model, under)
     judged = judge.score(model)

@@ -14,8 +14,7 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
 from power_estimator.model import PowerModel
-from power_estimator.posterior.odds import seconds_judged
-from power_estimator.posterior.priors import LEAST_TO_JUDGE
+from power_estimator.posterior.priors import LEAST_TO_JUDGE, MOST_SECONDS
 
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.notes import notes
@@ -243,7 +242,7 @@ def diagnose(
     own = judge.material_under(model, LEAST_TO_JUDGE)
     seconds = own.prepared.seconds
     if not any(catalogue[name].remembers for name in catalogue):
-        own = own.at_most(seconds_judged(len(own.prepared.names)))
+        own = own.at_most(MOST_SECONDS)
     diagnosis = diagnosed(own, model.structure.actives, catalogue, seed, show)
     show('judging the steps on held-out data')
     judged = judged_steps(judge, given, model, diagnosis, spec)
