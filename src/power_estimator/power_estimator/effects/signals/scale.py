@@ -105,8 +105,8 @@ def scale_of(
     power: NaN where unknown. groups: columns of drives that are built alike and share the largest
     figures. Torque scales down only where it visibly costs more copper loss than the reference
     drive could have, or of a drive that is faster than that: a recording without load says nothing
-    about the size of its drive. Where power was not measured, torque alone gives the scale. at_motor [D]: torque is a current times a
-    constant.
+    about the size of its drive. Where power was not measured, torque alone gives the scale.
+    at_motor [D]: torque is a current times a constant.
     """
     factors = np.ones((torque.shape[1], 5))
     for group in map(list, groups):
