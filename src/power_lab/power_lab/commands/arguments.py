@@ -272,7 +272,13 @@ def fit(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
-    add('--effects', nargs='+', required=True, metavar='NAME,…', help='what is active; 0 lists all')
+    add(
+        '--effects',
+        nargs='+',
+        required=True,
+        metavar='NAME,…',
+        help='what is active; a wrong name lists all',
+    )
     add_output(parser, 'MODEL.yaml')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
