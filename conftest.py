@@ -47,28 +47,15 @@ def is_fast(item: pytest.Item) -> bool:
     return not (started or item.get_closest_marker('alone') or item.path.name in SLOW_FILES)
 
 
-def shares_what_its_file_makes(item: pytest.Item) -> bool:
-    """Tell whether a test takes a fixture that is made once for its file."""
-    if not isinstance(item, pytest.Function):
-        return False
-    made = item._fixtureinfo.name2fixturedefs.values()
-    return any(one.scope == 'module' for own in made for one in own)
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Live systems run one at a time: two of them need more than two cores.
-
-    Tests that share what their file makes once run on one worker, so that two do not both make it.
-    """
+    """Live systems run one at a time: two of them need more than two cores."""
     if config.getoption('--fast'):
         config.hook.pytest_deselected(items=[item for item in items if not is_fast(item)])
         items[:] = filter(is_fast, items)
     for item in items:
         if 'node_process' in getattr(item, 'fixturenames', ()):
             item.add_marker(pytest.mark.xdist_group('live'))
-        elif shares_what_its_file_makes(item):
-            item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
 @pytest.fixture
