@@ -106,7 +106,7 @@ def test_the_sign_of_friction_may_turn_up_to_sixteen_times_as_fast_octave_by_oct
     for turn, times in zip(turns, (1.0, 2.0, 4.0, 8.0), strict=True):
         faster, now = (np.tanh(n * slow / 0.05) for n in (2.0 * times, times))
         assert turn == pytest.approx(0.5 * 2.0 * (faster - now) * slow)
-    # Twice each of them, the half of 2 N·m being taken, is the sign 16 times as fast.
+    # By shares of 1, not of 0.5, they make the sign of 2 N·m turn 16 times as fast.
     assert 2.0 * sum(turns) == pytest.approx(2.0 * (np.tanh(6.4) - np.tanh(0.4)) * slow)
     assert dry(1.0)[0] == pytest.approx(0.0, abs=1e-9)
 

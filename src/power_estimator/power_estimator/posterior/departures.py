@@ -23,11 +23,12 @@ _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
 _LENGTH: Final = 1.2  # of a smooth departure over its causes
 _OCTAVES: Final = 4
-"""Friction's sign may turn 1 to 16 times as fast as by its formula, or as a mixture.
+"""Octaves, from 1 to 16 times, in which friction's sign may turn faster than by its formula.
 
-At rest a measured speed is noise, on which the sign hardly depends: it may turn fast only beyond.
+Each takes part by a share of its own, of either sign: at rest a measured speed is noise, on which
+the sign hardly depends, and beyond that it turns fast.
 """
-_TURNS: Final = 0.5  # share of friction by which each octave takes part
+_TURNS: Final = 0.5  # prior spread of an octave's share of the friction
 _REACH: Final = 0.05  # s at the speed where its sign turns: the way on which friction turns
 _AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
 _SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear

@@ -23,7 +23,8 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
     shown, left = _shown(diagnosis), diagnosis.left
     stays = f'{left.rms_w:.2f} W ({_share(left.of_power)} of power)'
     sure = certainty(min((one.probability for one in shown), default=0.0))
-    if diagnosis.verdict == 'named' and round(after, 2) < round(before, 2):
+    named = diagnosis.verdict == 'named'
+    if named and round(after, 2) < round(before, 2):
         falls = f'falls from {before:.2f} to {after:.2f} W'
         long = f'{{names}} {{are}} missing: with {{them}} the error on held-out data {falls}'
         short = f'{{names}} {{are}} missing: with {{them}} the held-out error {falls}'
@@ -31,8 +32,7 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
         told = [f'{long}; {stays} stays unexplained.', f'{short}; {stays} stays.']
         told += [] if left.most else [f'{long}.']
         return _fitting(diagnosis.effects, 'and', *told, f'{brief}; {stays} stays.')
-    if diagnosis.verdict == 'named' or len(shown) == 1:
-        named = diagnosis.verdict == 'named'
+    if named or len(shown) == 1:
         fall, now = (0.0, '') if named else (shown[0].delta_rmse_w, 'without it ')
         rises = round(after, 2) > round(before, 2)
         way = f'the held-out error {"rises to" if rises else "stays at"}'

@@ -14,6 +14,7 @@ from power_recordings.index.store import RecordingIndex, usual_path
 
 _WIDTH = 130
 _FINDING = 1000  # characters
+_UNITS = {'power': 'W', 'voltage': 'V', 'current': 'A'}  # of a supply
 
 
 def run(options: argparse.Namespace) -> None:
@@ -70,8 +71,8 @@ def print_quality(checked: Checked) -> None:
     console.print(table)
     if (supply := quality.supply) is not None:
         signals = (
-            f'{name} {_span(ends)} {unit} ({supply.updates_hz[name]:.0f} Hz)'
-            for (name, ends), unit in zip(supply.ranges.items(), 'WVA', strict=False)
+            f'{name} {_span(ends)} {_UNITS[name]} ({supply.updates_hz[name]:.0f} Hz)'
+            for name, ends in supply.ranges.items()
         )
         console.print(f'  supply: {", ".join(signals)}')
         if supply.slope == supply.slope:

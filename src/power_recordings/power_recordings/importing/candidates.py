@@ -214,7 +214,7 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     unit = column.unit or unit_of(column.address)
     name = words(_stem(column.address) if '/' in column.address + unit else column.address)
     motion = {re.sub(_LETTER_P, symbol, column.address) for symbol in ('q', 'dq', 'tau')}
-    if motion <= names - {column.address}:
+    if column.address not in motion and motion <= names:
         name = 'power'
     bracket = _BRACKETS.search(column.address)
     said = bracket[1] if bracket else ''

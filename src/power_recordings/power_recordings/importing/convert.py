@@ -21,6 +21,7 @@ from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.importing.units import conversion
 from power_recordings.messages import cdr
+from power_recordings.messages.samples import UNKNOWN_VOLTAGE
 from power_recordings.messages.topics import KINDS
 from power_recordings.quality.causes import UNITS, common_name
 from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
@@ -143,7 +144,7 @@ class _Writer:
 
     @staticmethod
     def _supply(stamps: Stamps, values: Values) -> Messages:
-        volts = values.get(('', 'voltage'), np.full(len(stamps), 1.0))
+        volts = values.get(('', 'voltage'), np.full(len(stamps), UNKNOWN_VOLTAGE))
         amps = values.get(('', 'current'))
         if amps is None:
             amps = values['', 'power'] / volts

@@ -1,7 +1,7 @@
 """Samples of each kind of topic, as arrays."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,10 @@ class DriveSamples(Samples):
         """Number of samples missing by their sequence numbers."""
         steps = np.diff(self.sequence.astype(np.int64))
         return int((steps - 1).clip(min=0).sum())
+
+
+UNKNOWN_VOLTAGE: Final = 1.0
+"""V of a supply that was imported with its power alone: its current is then that power."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,12 @@ import numpy as np
 from wattwalk_core.arrays import Floats, Singles
 
 from power_recordings.alignment.positions import stands_still
-from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
+from power_recordings.messages.samples import (
+    UNKNOWN_VOLTAGE,
+    DriveSamples,
+    JointSamples,
+    SupplySamples,
+)
 from power_recordings.quality import physics
 from power_recordings.quality.findings import (
     Finding,
@@ -300,7 +305,7 @@ class _Checker:
             mend = self._recording.card.turned_meter('')
             self._find('supply_sign', 'error', '', text, mend)
         signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
-        if (supply.voltage == 1.0).all():  # so an import writes a power without a voltage
+        if (supply.voltage == UNKNOWN_VOLTAGE).all():
             signals = {'power': supply.power}
         found = updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
         rates = dict(zip(signals, found, strict=True))

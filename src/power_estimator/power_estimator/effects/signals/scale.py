@@ -104,9 +104,9 @@ def scale_of(
 
     power: NaN where unknown. groups: columns of drives that are built alike and share the largest
     figures. Torque scales down only where it visibly costs more copper loss than the reference
-    drive could have, or of a drive that is faster than that: a recording without load says nothing
-    about the size of its drive. Where power was not measured, torque alone gives the scale.
-    at_motor [D]: torque is a current times a constant.
+    drive could have, or where the drive is more than three times as fast: else a recording without
+    load says nothing about the size of its drive. Where power was not measured, torque alone gives
+    the scale. at_motor [D]: torque is a current times a constant.
     """
     factors = np.ones((torque.shape[1], 5))
     for group in map(list, groups):
@@ -134,10 +134,10 @@ def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -
     )
     for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
     for_torque = load / TORQUE if load > _ALIKE * TORQUE else 1.0
-    copper = _copper(torque, velocity, power)
-    shown = load > 0.0 and copper > max(_MOST_COPPER, _VISIBLE * size / load**2)
-    if 0.0 < load < TORQUE and (shown or for_speed > 1.0):
-        for_torque = load / TORQUE
+    if 0.0 < load < TORQUE:
+        least = max(_MOST_COPPER, _VISIBLE * size / load**2)
+        if for_speed > 1.0 or _copper(torque, velocity, power) > least:
+            for_torque = load / TORQUE
     for_power = for_torque * for_speed
     if size > _ALIKE * for_power * TORQUE * SPEED:
         for_power = size / (TORQUE * SPEED)
