@@ -47,15 +47,27 @@ def is_fast(item: pytest.Item) -> bool:
     return not (started or item.get_closest_marker('alone') or item.path.name in SLOW_FILES)
 
 
+def shares_a_fixture(item: pytest.Item) -> bool:
+    """Tell whether a fixture of the test is made once for its file."""
+    assert isinstance(item, pytest.Function)
+    made = item._fixtureinfo.name2fixturedefs.values()
+    return any(definitions[-1].scope == 'module' for definitions in made)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Live systems run one at a time: two of them need more than two cores."""
+    """Live systems run one at a time: two of them need more than two cores.
+
+    Tests with a fixture of their file run on one worker, others would make it again.
+    """
     if config.getoption('--fast'):
         config.hook.pytest_deselected(items=[item for item in items if not is_fast(item)])
         items[:] = filter(is_fast, items)
     for item in items:
         if 'node_process' in getattr(item, 'fixturenames', ()):
             item.add_marker(pytest.mark.xdist_group('live'))
+        elif shares_a_fixture(item) and not item.get_closest_marker('xdist_group'):
+            item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
 @pytest.fixture

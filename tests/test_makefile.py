@@ -42,3 +42,10 @@ def test_tests_marked_alone_run_always_and_any_failure_is_the_exit_code(
     assert runs[-1] == '-m pytest -q -m alone tests', done.stderr
     assert len(runs) == 2 + others
     assert (done.returncode == 0) == (others == alone == 0)
+
+
+@pytest.mark.xdist_group('live')
+def test_workers_of_make_test_run_the_live_tests_as_one_group(request):
+    if not request.config.getoption('loadgroup', False):
+        pytest.skip('not run by workers in groups')
+    assert request.node.nodeid.endswith('@live')
