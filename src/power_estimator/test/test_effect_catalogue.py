@@ -1,6 +1,7 @@
 import pickle
 import textwrap
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -100,6 +101,17 @@ def test_coulomb_friction_helps_a_motor_that_brakes():
     # braking at −2 rad/s: the motor carries 10 − 3 N·m
     found = watts({'copper_loss': 0.02, 'coulomb_friction': 3.0}, signals(10.0, -2.0))
     assert found == pytest.approx(3.0 * 2.0 + 0.02 * 49.0)
+
+
+@pytest.mark.parametrize('name', ['coulomb_friction', 'load_friction', 'iron_loss'])
+def test_noise_of_a_speed_at_rest_is_no_motion_to_friction_nor_to_iron(name):
+    noisy = signals(10.0, 0.5)
+    at_rest = replace(noisy, velocity_noise=noisy.velocity)
+    of = partial(regressors_of, CATALOGUE[name], shape={})
+    assert not of(at_rest).any()
+    assert of(replace(noisy, velocity_noise=0.2 * noisy.velocity)) == pytest.approx(
+        of(signals(10.0, 0.4))
+    )
 
 
 def test_a_torque_constant_that_saturates_costs_the_fourth_power_of_a_torque_at_the_joint():

@@ -132,12 +132,14 @@ class Departures:
         if not dry:
             return []
         standstill = s.scale.standstill
-        rests = replace(s, motor_velocity=3.0 * standstill * self._last_way)
+        rests = replace(
+            s, motor_velocity=3.0 * standstill * self._last_way, velocity_noise=None
+        )
         now, held = (
             np.sum([torques[name] for name in dry], axis=0)
             for torques in (effects, self._weighted(dry, rests))
         )
-        near = np.abs(s.motor_velocity) / standstill + 1e-9
+        near = np.abs(s.sliding) / standstill + 1e-9
         turns = [np.tanh(near)]
         for _ in range(_OCTAVES):
             turns.append(2.0 * turns[-1] / (1.0 + np.square(turns[-1])))  # tanh 2x by tanh x

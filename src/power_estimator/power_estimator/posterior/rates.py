@@ -16,9 +16,11 @@ def with_quiet_rates(signals: Signals) -> Signals:
 
     Through a spring, noise of the torque comes into the motor's torque with its second rate.
     """
-    acceleration = _rate(_denoised(signals.velocity, signals), signals)
+    velocity = _denoised(signals.velocity, signals)
+    acceleration = _rate(velocity, signals)
     return replace(
         signals,
+        velocity_noise=signals.velocity - velocity,
         acceleration=acceleration,
         motor_acceleration=acceleration,
         torque_rate=_rate(_denoised(signals.torque, signals), signals),

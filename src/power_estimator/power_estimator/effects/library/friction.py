@@ -19,12 +19,12 @@ _STRIBECK_SPEEDS = tuple({'speed': speed} for speed in (0.1, 0.2, 0.35, 0.6, 1.0
 
 
 def _sign(signals: Signals) -> Floats:
-    return smooth_sign(signals.motor_velocity, signals.scale.standstill)
+    return smooth_sign(signals.sliding, signals.scale.standstill)
 
 
 def _fading_sign(signals: Signals, *, speed: float = 0.35, **_: float) -> Floats:
     """The sign of the speed, fading out above the Stribeck speed."""
-    return (np.exp(-np.square(signals.motor_velocity / speed)) * _sign(signals))[..., None]
+    return (np.exp(-np.square(signals.sliding / speed)) * _sign(signals))[..., None]
 
 
 def _load(signals: Signals, *, motor: float = 0.0, **_: float) -> Floats:

@@ -29,12 +29,12 @@ def _iron(signals: Signals, *, carried: float = 0.0, **_: float) -> Floats:
     In some machines the current that feeds these losses also heats the winding (carried = 1, as
     when they brake the rotor). They then differ from friction in size only, hence the bounds.
     """
-    speed = np.abs(signals.motor_velocity)
+    speed = np.abs(signals.sliding)
     cost = carried * signals.torque_cost * ~signals.at_motor
     return np.stack(
         [
-            speed + cost * smooth_sign(signals.motor_velocity, signals.scale.standstill),
-            np.square(speed) + cost * signals.motor_velocity,
+            speed + cost * smooth_sign(signals.sliding, signals.scale.standstill),
+            np.square(speed) + cost * signals.sliding,
         ],
         axis=-1,
     )

@@ -134,6 +134,13 @@ class Signals:
     others: OtherDrives | None = None  # on the bus beside these, which share what it takes back
     steady: bool = False  # each row is an operating point: nothing changes, and nothing was before
     one_meter: bool = False  # for all drives
+    velocity_noise: Floats | None = None  # rad/s, what a filter takes off the velocity
+
+    @property
+    def sliding(self) -> Floats:
+        """Velocity of the motor without noise of the sensor, rad/s [T, D], as friction sees it."""
+        noise = self.velocity_noise
+        return self.motor_velocity if noise is None else self.motor_velocity - noise
 
     def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
         """Return the samples at rows, in pieces numbered by segment [T], all samples as past."""
