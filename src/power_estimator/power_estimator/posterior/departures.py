@@ -132,9 +132,7 @@ class Departures:
         if not dry:
             return []
         standstill = s.scale.standstill
-        rests = replace(
-            s, motor_velocity=3.0 * standstill * self._last_way, velocity_noise=None
-        )
+        rests = replace(s, motor_velocity=3.0 * standstill * self._last_way, velocity_noise=None)
         now, held = (
             np.sum([torques[name] for name in dry], axis=0)
             for torques in (effects, self._weighted(dry, rests))
