@@ -1,7 +1,7 @@
 """Judgements that the benchmark of reliability scores, and the lab as one that judges.
 
-A judge is a function (AlignedDataset, effects of the base model) -> Judgement; the benchmark takes
-any by `--judge module:function`.
+A judge is a function (AlignedDataset, effects of the base model, window in s over which energy is
+judged) -> Judgement; the benchmark takes any by `--judge module:function`.
 """
 
 from collections.abc import Sequence
@@ -56,13 +56,13 @@ COEFFICIENTS = {
 }
 
 
-def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
+def diagnosed(data: AlignedDataset, known: Sequence[str], window: float = 0.0) -> Judgement:
     """Judge by the posterior of `power_lab diagnose`, without its held-out errors.
 
-    known: effects of the base. Intervals are at LEVELS.
+    known: effects of the base. window: as in `material`, of a slow meter. Intervals are at LEVELS.
     """
     catalogue = builtin_catalogue()
-    given = material(data, per='drive').at_most(MOST_SECONDS)
+    given = material(data, per='drive', window=window).at_most(MOST_SECONDS)
     prepared = given.prepared
     actives = [Active.of(catalogue[name]) for name in known]
     actives = [active for active in actives if active.effect.usable(prepared.signals)]

@@ -235,7 +235,7 @@ def answer(question: Question, judge: str) -> dict[str, Any]:
         }
         with threadpool_limits(limits=1):
             start = time.monotonic()
-            said = resolve_name(judge)(sealed.data, sealed.known)
+            said = resolve_name(judge)(sealed.data, sealed.known, sealed.window)
             row['seconds_taken'] = round(time.monotonic() - start, 1)
         row['statements'] = [[one.effect, one.probability] for one in said.statements]
         row['intervals'] = [

@@ -9,9 +9,11 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from power_estimator.judge.recordings import energy_window
 from power_estimator.posterior.priors import SPIKE
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.quality.streams import LEAST_UPDATES
 from sim_bridge.offline.run import simulate_recording, walking_run
 from sim_bridge.plant.parameters import Plant as RobotPlant
 from truth_circuit import NAMES
@@ -49,6 +51,7 @@ class Sealed:
     apart: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True  # whether all that is missing is in `missing`
     impossible: frozenset[str] = frozenset()
+    window: float = 0.0  # s, over which energy is judged, where users have to say --slow-meter
 
 
 class Question(Protocol):
@@ -116,7 +119,10 @@ class OfPlant:
         lacks = {
             name for name in found.missing if name in self.case.hidden or watts[name] >= shown
         }
-        return Sealed(found.data, found.known, lacks | wrong, coefficients, watts, apart)
+        rate = found.plant.sampling.meter_rate
+        window = energy_window([rate]) if rate < LEAST_UPDATES else 0.0
+        missing = frozenset(lacks | wrong)
+        return Sealed(found.data, found.known, missing, coefficients, watts, apart, window=window)
 
 
 @dataclass(frozen=True)

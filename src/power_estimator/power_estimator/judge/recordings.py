@@ -221,7 +221,7 @@ def load(
         read.recordings,
         tuple({'name': one.name, 'sha256': one.sha256} for one in read.described),
         tuple(str(one.card.get('controller', '')) for one in read.described),
-        _window(read.changes) if slow else 0.0,
+        energy_window(read.changes) if slow else 0.0,
     )
     return loaded.without(without)
 
@@ -242,6 +242,6 @@ def _fingerprint(data: AlignedDataset, index: int) -> str:
     return digest.hexdigest()
 
 
-def _window(changes: Sequence[float]) -> float:
-    """Window in s in which the slowest meter changes often enough for its energy to be known."""
+def energy_window(changes: Sequence[float]) -> float:
+    """Return the s in which the slowest meter changes often enough for its energy to be known."""
     return float(np.clip(_CHANGES / max(min(changes), 1e-3), 1.0, _LONGEST_WINDOW))
