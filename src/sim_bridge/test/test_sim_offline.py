@@ -63,7 +63,8 @@ def test_a_signal_closes_the_bag_with_its_metadata_and_card(node_process, tmp_pa
     process.send_signal(number)
     assert process.wait_after(number) in (128 + number, None)
     assert wait_until(lambda: (bag / 'metadata.yaml').exists())
-    assert process.own_lines[-1].startswith(f'sim: ended by {number.name} after ')
+    ending = f'sim: ended by {number.name} after '
+    assert wait_until(lambda: process.own_lines[-1].startswith(ending))
     assert 'Traceback' not in process.output
     assert (bag / 'metadata.yaml').exists()
     recording = Recording.open(bag)
