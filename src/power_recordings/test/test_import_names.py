@@ -1,5 +1,7 @@
 """Names and units of columns as people write them, and what a guessed map asks for."""
 
+import re
+
 import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
@@ -52,6 +54,9 @@ def guess(folder, capsys, **columns):
         ('kt Nm/A', ''),
         ('km/h', ''),
         ('motor/1', ''),
+        ('m1.dps', 'dps'),
+        ('axis0.pos', ''),
+        ('volts.1', ''),
     ],
 )
 def test_a_unit_of_two_words_is_read_as_one(name, unit):
@@ -198,6 +203,16 @@ def test_figures_of_one_signal_are_no_drives_and_what_changes_sign_no_supply(tmp
     assert 'value: VOLTS' in lines['# voltage']
 
 
+def test_drives_of_which_one_has_no_number_are_all_named(tmp_path, capsys):
+    columns = {}
+    for name, share in (('J1', 1.0), ('J2', 0.5), ('Z', -0.3)):
+        own = {'pos [deg]': ANGLE, 'speed [rpm]': SPEED, 'torque [Nm]': TORQUE, 'power [W]': WATTS}
+        columns |= {f'{name} {q}': share * values + T % (1 + share) for q, values in own.items()}
+    text, _ = guess(tmp_path, capsys, **columns)
+    assert re.findall(r'\n  (\S+):\n', text) == ['DRIVE_1', 'DRIVE_2', 'Z']
+    assert "power: {from: 'Z power [W]'" in text
+
+
 def test_a_constant_voltage_is_asked_for_only_where_no_column_is_in_volts(tmp_path, capsys):
     own = {'pos_1': SPEED, 'vel_1': SPEED, 'amps_1': WATTS, 'pos_2': TORQUE, 'vel_2': TORQUE}
     _, lines = guess(tmp_path, capsys, **own, amps_2=WATTS, battery_voltage=VOLTS)
@@ -208,10 +223,13 @@ def test_a_constant_voltage_is_asked_for_only_where_no_column_is_in_volts(tmp_pa
 
 @pytest.mark.parametrize(
     ('mark', 'says'),
-    [('', 'power without voltage; add voltage: {from: …} or {value: VOLTS'), ('# ', "is 'VOLTS'")],
+    [
+        ('', 'current without voltage; add voltage: {from: …} or {value: VOLTS'),
+        ('# ', "is 'VOLTS'"),
+    ],
 )
 def test_a_voltage_that_was_not_filled_in_is_refused_in_one_line(tmp_path, capsys, mark, says):
-    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, power_W=WATTS)
+    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, amps=WATTS)
     (tmp_path / 'map.yaml').write_text('#' + text.replace(f'{mark}voltage:', 'voltage:'))
     args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
     assert main([str(tmp_path / 'log.csv'), *args]) == 2

@@ -196,6 +196,15 @@ def test_a_long_finding_is_printed_to_its_end(capsys):
     assert "the winding's current, if the log has it; in the map: torque: {from: …" in out
 
 
+@pytest.mark.parametrize(('sign', 'found'), [(1.0, 0), (-1.0, 1)])
+def test_a_wrong_sign_is_an_error_also_where_nearly_all_power_is_heat(sign, found):
+    power = TORQUE * SPEED + 0.9 * TORQUE**2 + 8.0
+    assert power_balance(power, TORQUE, SPEED).share < 0.05
+    errors = [f for f in check_recording(recording(power, sign)).findings if f.severity == 'error']
+    assert len(errors) == found
+    assert all('a sign is wrong' in f.text for f in errors)
+
+
 @pytest.mark.parametrize(
     ('noted', 'mend'),
     [

@@ -109,6 +109,7 @@ _OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'tempera
 _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
 _PLAIN: Final = {'winding': 'current'}
 _STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
+_WHOLE_DRIVE: Final = {'velocity', 'torque', 'power'}
 _SIDES: Final = (
     r'[a-km-qs-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
     r'mean|avg|std|rms|var|peak|sim\w*|model|pred\w*|true|old|new|last|prev\w*'
@@ -306,14 +307,17 @@ def _by_word(
     """Name drives by first or last words that columns of several quantities share.
 
     Either of motion and of power, or two of motion that are there of another word, too, and go
-    their own way; a letter also of a torque. angles: further columns that tell of it.
+    their own way; a letter also of a torque. angles: further columns that tell of it. Beside
+    drives with numbers, those with a torque and a power of their own: J1, J2 and Z.
     """
+    if any(c.drive for c in found):
+        return _beside_numbers(found)
     names = {c.address: words(_stem(c.address)).split('_') for c in (*found, *angles)}
     while len({name[0] for name in names.values()}) == 1 and all(
         len(n) > 1 for n in names.values()
     ):
         names = {address: name[1:] for address, name in names.items()}  # a group that holds all
-    for place in (0, -1) if not any(c.drive for c in found) else ():
+    for place in (0, -1):
         kinds: dict[str, set[str]] = defaultdict(set)
         rows: dict[tuple[str, ...], list[CandidateColumn]] = defaultdict(list)
         for c in (*found, *angles):
@@ -339,6 +343,20 @@ def _by_word(
                 for word in (names[c.address][place],)
             ]
     return list(found)
+
+
+def _beside_numbers(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
+    """Name drives without a number by the first word of a speed, a torque and a power."""
+    kinds: dict[str, set[str]] = defaultdict(set)
+    firsts = [words(_stem(c.address)).split('_')[0] for c in found]
+    for first, c in zip(firsts, found, strict=True):
+        if not c.drive:
+            kinds[first].add(c.quantity)
+    drives = {first for first, own in kinds.items() if own >= _WHOLE_DRIVE}
+    return [
+        replace(c, drive=first.upper()) if first in drives and not c.drive else c
+        for first, c in zip(firsts, found, strict=True)
+    ]
 
 
 def _coupled(row: Sequence[CandidateColumn]) -> bool:

@@ -91,7 +91,10 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text)
     if (geared := _gear_finding(drive, balance, card, agree, meaning)) is not None:
         return geared
-    if decided and slope < -margin:
+    told = balance.share > 1 - balance.r2
+    if (decided and slope < -margin) or (
+        told and _USUAL[0] + margin < -slope < _USUAL[1] - margin
+    ):
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'
         whose, mend = 'a', card.scaled(drive, 'torque', -1)
         if balance.losses < _FED * balance.power:
@@ -113,8 +116,7 @@ def power_finding(
         )
         mend = cause_of(slope, OF_TORQUE, card, drive).mend
         return Finding('power_slope', 'warning', drive, text, mend)
-    told = balance.share > 1 - balance.r2 or slope > _BEYOND
-    hinted = told and balance.share > _HINTED and slope > _SCALES[1] + margin
+    hinted = (told or slope > _BEYOND) and balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or usual:
         return None
     text = f'power grows by {slope:.3g} W with each W of torque × speed'

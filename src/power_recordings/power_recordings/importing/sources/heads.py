@@ -136,7 +136,7 @@ def _is_name(field: str) -> bool:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that ends a column's name, in brackets or after `_`, space or /, else ''."""
+    """Return the unit that ends a column's name, in brackets or after `_`, `.`, ` ` or `/`."""
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
@@ -144,7 +144,7 @@ def unit_of(name: str) -> str:
         of_rate = over[1] in _LENGTHS or (over[2] in _TIMES and over[1].lower() not in _TIME)
         if not of_rate and not is_unit(over[1]):
             return over[2]
-    *before, ending = re.split(r'[_ ]', name)
+    *before, ending = re.split(r'[_ .]', name)
     if before and (both := _of_two_words(before, ending)) is not None:
         return both
     if ending in _WORDS or (not before and name.lower() not in _UNITS_THAT_ARE_NAMES):
