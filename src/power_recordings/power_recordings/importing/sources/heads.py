@@ -136,7 +136,7 @@ def _is_name(field: str) -> bool:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that ends a column's name, in brackets or after `_`, `.`, ` ` or `/`."""
+    """Return the unit at the end of a name, in brackets or after `_`, `.`, ` ` or `/`; else ''."""
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
