@@ -50,16 +50,16 @@ class MeasurementTerm:
         read = f'{1.0 + self.value:.2f} of what the power says'
         match self.name:
             case 'torque_scale' if self.at_motor:
-                return f'The torque of {self.drive} reads {read}: check the torque constant.'
+                return f'The torque of {self.drive} reads {read}: check its constant, and the meter.'
             case 'torque_scale':
                 gear = f', or a gear that loses {-self.value:.0%}' if self.value < 0 else ''
-                check = f'a wrong scale{gear}; weigh a known mass on it.'
+                check = f'a wrong scale{gear}, or the meter; weigh a known mass on it.'
                 return f'The torque of {self.drive} reads {read}: {check}'
             case 'power_gain':
                 way = 'high' if self.value > 0 else 'low'
                 return (
-                    f'The power meter of {self.drive} reads {abs(self.value):.0%} {way}: '
-                    'calibrate it against a reference.'
+                    f'The power meter of {self.drive} reads {abs(self.value):.0%} {way} for its '
+                    'torque: calibrate it against a reference, or weigh a known mass.'
                 )
             case 'torque_bias':
                 return (
