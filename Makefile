@@ -28,8 +28,7 @@ demo: setup
 	$(BIN)/python demo.py $(if $(QUICK),--quick)
 
 # Live tests may miss a deadline beside others on two cores: what fails runs once more, alone.
-# By a worker, since that is where the names of tests have their groups.
-AGAIN := -n 1 --dist loadgroup --last-failed --last-failed-no-failures none -m 'not alone'
+AGAIN := --last-failed --last-failed-no-failures none -m 'not alone'
 
 # With ROS 2 sourced the tests run on its rclpy, else on the embedded one.
 ifdef ROS_DISTRO

@@ -49,8 +49,8 @@ def is_fast(item: pytest.Item) -> bool:
 
 def shares_a_fixture(item: pytest.Item) -> bool:
     """Tell whether a fixture of the test is made once for its file."""
-    assert isinstance(item, pytest.Function)
-    made = item._fixtureinfo.name2fixturedefs.values()
+    found = getattr(item, '_fixtureinfo', None)
+    made = found.name2fixturedefs.values() if found else ()
     return any(definitions[-1].scope == 'module' for definitions in made)
 
 
@@ -68,6 +68,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.xdist_group('live'))
         elif shares_a_fixture(item) and not item.get_closest_marker('xdist_group'):
             item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep failed tests by names without the groups of workers, for a run without these."""
+    cache = getattr(session.config, 'cache', None)
+    if cache is not None and not hasattr(session.config, 'workerinput'):
+        failed = cache.get('cache/lastfailed', {})
+        cache.set('cache/lastfailed', {re.sub(r'@[^\]]*$', '', name): True for name in failed})
 
 
 @pytest.fixture

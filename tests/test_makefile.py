@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,40 @@ case "$*" in
   *) exit {others};;
 esac
 """
+
+FAILING = """
+import pytest
+from pathlib import Path
+
+def test_that_passes_the_second_time():
+    seen = Path(__file__).with_suffix('.seen')
+    first, _ = not seen.exists(), seen.touch()
+    assert not first
+
+@pytest.mark.xdist_group('live')
+@pytest.mark.parametrize('address', ['a@b'])
+def test_that_fails(address):
+    assert address == 'b@a'
+"""
+
+
+def test_what_fails_in_a_group_is_run_again_and_fails_again(tmp_path):
+    (tmp_path / 'test_it.py').write_text(FAILING)
+
+    def rerun(*arguments):
+        options = ['-q', '-p', 'conftest', '-c', '/dev/null', '--rootdir', str(tmp_path)]
+        return subprocess.run(
+            [sys.executable, '-m', 'pytest', *options, *arguments, str(tmp_path)],
+            env=os.environ | {'PYTHONPATH': os.pathsep.join([str(ROOT), *sys.path])},
+            capture_output=True,
+            text=True,
+        )
+
+    first = rerun('-n', '2', '--dist', 'loadgroup')
+    assert '2 failed' in first.stdout, first.stdout + first.stderr
+    again = rerun('--last-failed', '--last-failed-no-failures', 'none')
+    assert '1 failed, 1 passed' in again.stdout, again.stdout + again.stderr
+    assert again.returncode == 1
 
 
 @pytest.mark.skipif(shutil.which('make') is None, reason='no make')

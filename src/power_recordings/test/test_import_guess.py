@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing.origin import check_energy, recognise
-from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
 from real_logs import REAL
 from table_log import csv
@@ -331,15 +330,6 @@ def test_a_voltage_may_stand_still_and_one_that_lacks_is_to_be_filled_in(tmp_pat
     _, lines = guessed(tmp_path / 'b', capsys, columns)
     assert lines['# voltage'].startswith('# voltage: {value: VOLTS, unit: V}')
     assert 'fill in' in lines['# voltage']
-
-
-def test_a_power_needs_no_voltage_and_is_recorded_as_it_is(tmp_path, capsys):
-    watts = 40.0 * SHAFT  # more than a thousand, as no current is
-    columns = {'time_s': T, 'speed_rpm': SPEED, 'torque_Nm': 40.0 * TORQUE, 'power_W': watts}
-    recording, lines = guessed(tmp_path, capsys, columns)
-    assert '# voltage' not in lines
-    assert recording.drive_supply().power[:, 0] == pytest.approx(watts, rel=1e-4)
-    assert [found.code for found in check_recording(recording).findings] == []
 
 
 def test_a_first_column_that_goes_on_evenly_is_the_time(tmp_path, capsys):

@@ -56,6 +56,8 @@ def guess(folder, capsys, **columns):
         ('motor/1', ''),
         ('m1.dps', 'dps'),
         ('axis0.pos', ''),
+        ('log.qd', ''),
+        ('drive.tau.F', ''),
         ('volts.1', ''),
     ],
 )
@@ -224,12 +226,12 @@ def test_a_constant_voltage_is_asked_for_only_where_no_column_is_in_volts(tmp_pa
 @pytest.mark.parametrize(
     ('mark', 'says'),
     [
-        ('', 'current without voltage; add voltage: {from: …} or {value: VOLTS'),
+        ('', 'unit: V}: the nominal one, names and watts hardly need it'),
         ('# ', "is 'VOLTS'"),
     ],
 )
 def test_a_voltage_that_was_not_filled_in_is_refused_in_one_line(tmp_path, capsys, mark, says):
-    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, amps=WATTS)
+    text, _ = guess(tmp_path, capsys, vel=SPEED, tau=TORQUE, power_W=WATTS)
     (tmp_path / 'map.yaml').write_text('#' + text.replace(f'{mark}voltage:', 'voltage:'))
     args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
     assert main([str(tmp_path / 'log.csv'), *args]) == 2

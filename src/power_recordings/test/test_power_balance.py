@@ -196,6 +196,20 @@ def test_a_long_finding_is_printed_to_its_end(capsys):
     assert "the winding's current, if the log has it; in the map: torque: {from: …" in out
 
 
+def test_torque_that_comes_late_is_no_torque_of_the_wrong_sign():
+    """A mass that swings: most power is heat, which falls as the late torque's product rises."""
+    speed = np.sin(9.0 * TIME) + 0.5 * np.sin(14.0 * TIME)
+
+    def torque(time):
+        return 0.3 * (9.0 * np.cos(9.0 * time) + 7.0 * np.cos(14.0 * time))
+
+    power, late = torque(TIME) * speed + 5.0 * torque(TIME) ** 2 + 5.0, torque(TIME - 0.006)
+    balance = power_balance(power, late, speed, rate_of(TIME, late))
+    assert balance.slope < -0.6
+    assert balance.delayed > 0.6
+    assert power_finding('KNEE', balance, Card()) is None
+
+
 @pytest.mark.parametrize(('sign', 'found'), [(1.0, 0), (-1.0, 1)])
 def test_a_wrong_sign_is_an_error_also_where_nearly_all_power_is_heat(sign, found):
     power = TORQUE * SPEED + 0.9 * TORQUE**2 + 8.0

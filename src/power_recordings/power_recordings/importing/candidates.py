@@ -109,12 +109,12 @@ _OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current', 'tempera
 _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
 _PLAIN: Final = {'winding': 'current'}
 _STILL: Final = ('voltage', 'supply_voltage', 'temperature')  # that may be constant
-_WHOLE_DRIVE: Final = {'velocity', 'torque', 'power'}
 _SIDES: Final = (
     r'[a-km-qs-z]|motor|joint|link|gear|rotor|shaft|out\w*|in|input|meas\w*|act\w*|est\w*|raw|filt\w*|'
     r'mean|avg|std|rms|var|peak|sim\w*|model|pred\w*|true|old|new|last|prev\w*'
 )
 """Words that tell sides of a drive, or kinds of a signal, apart."""
+_NO_DRIVE: Final = rf'(?!.$)({_SIDES})|load|brake|dyno|ref\w*|set\w*'
 _NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
 _ONE: Final = 0.999  # correlation of speeds on one shaft
 _COMPARED: Final = 24  # columns of a kind, each with each
@@ -346,13 +346,18 @@ def _by_word(
 
 
 def _beside_numbers(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
-    """Name drives without a number by the first word of a speed, a torque and a power."""
+    """Name drives without a number by the first word of a speed, a torque and a meter."""
     kinds: dict[str, set[str]] = defaultdict(set)
     firsts = [words(_stem(c.address)).split('_')[0] for c in found]
     for first, c in zip(firsts, found, strict=True):
         if not c.drive:
             kinds[first].add(c.quantity)
-    drives = {first for first, own in kinds.items() if own >= _WHOLE_DRIVE}
+    drives = {
+        first
+        for first, own in kinds.items()
+        if own >= {'velocity', 'torque'} and own & {'power', 'current'}
+        if not re.fullmatch(_NO_DRIVE, first)
+    }
     return [
         replace(c, drive=first.upper()) if first in drives and not c.drive else c
         for first, c in zip(firsts, found, strict=True)

@@ -66,7 +66,6 @@ class _Writer:
     def __init__(self, bag: BagWriter, plan: ImportPlan) -> None:
         self._bag = bag
         self.measured = _having(plan, 'current', 'power')
-        self._without_voltage = ['voltage' not in plan.drives[name] for name in self.measured]
         self._of_joints = {
             'joint_states': tuple(plan.drives),
             'motor_current': _having(plan, 'motor_current'),
@@ -121,7 +120,6 @@ class _Writer:
     def _drive_supply(self, stamps: Stamps, values: Values) -> tuple[Stamps, list[Messages]]:
         count = len(stamps)
         volts = self._table(values, self.measured, 'voltage', count)
-        volts[:, self._without_voltage] = UNKNOWN_VOLTAGE
         amps = self._table(values, self.measured, 'current', count)
         watts = self._table(values, self.measured, 'power', count)
         with np.errstate(divide='ignore', invalid='ignore'):

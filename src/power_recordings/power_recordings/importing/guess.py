@@ -236,7 +236,7 @@ class _Drive:
         if _POWERS & set(self._taken) and 'temperature' not in self._taken:
             lines.append(_NONE.format('temperature', 'degC'))
         lines += [] if 'torque' in self._taken else [_NO_TORQUE]
-        if 'current' in self._taken and 'voltage' not in self._taken:
+        if _POWERS & set(self._taken) and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
         elif not metered and not _POWERS & set(self._taken):
             lines.append(_NO_POWER)

@@ -352,11 +352,15 @@ def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:
     moving = {'position', 'velocity'} & set(channels)
     if not moving and 'torque' not in channels:
         raise InputError(f'{where}: neither position, velocity nor torque')
-    if 'current' in channels and 'voltage' not in channels:
-        raise InputError(
-            f'{where}: current without voltage; add voltage: {{from: …}} or '
-            '{value: VOLTS, unit: V}'
-        )
+    for given in ('current', 'power'):
+        if given in channels and 'voltage' not in channels:
+            about = (
+                '' if given == 'current' else ': the nominal one, names and watts hardly need it'
+            )
+            raise InputError(
+                f'{where}: {given} without voltage; add voltage: {{from: …}} or '
+                f'{{value: VOLTS, unit: V}}{about}'
+            )
     if {'power', 'current'} <= set(channels):
         raise InputError(f'{where}: give current or power, not both')
     if not any(channel.terms for channel in channels.values()):

@@ -72,10 +72,7 @@ class DriveSamples(Samples):
 
 
 UNKNOWN_VOLTAGE: Final = 1.0
-"""V of a supply or drive that was imported with its power alone, which is then its current, too.
-
-Names, watts and joint-side coefficients are the same for any constant voltage.
-"""
+"""V of a supply that was imported with its power alone: its current is then that power."""
 
 
 @dataclass(frozen=True)

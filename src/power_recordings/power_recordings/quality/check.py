@@ -216,7 +216,7 @@ class _Checker:
         for quantity, most in _MOST.items():
             values = getattr(electric, quantity)[:, column]
             largest = float(np.nanmax(np.abs(values), initial=0.0))
-            if largest > most and not self._recording.card.lacks(name, quantity):
+            if largest > most:
                 unit = quantity[0].upper().replace('C', 'A')
                 given = self._recording.card.unit_of(name, quantity) == f'm{unit}'
                 text = f'{quantity} reaches {largest:.4g} {unit}: ' + ('µ' if given else 'm')

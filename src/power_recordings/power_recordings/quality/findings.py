@@ -92,9 +92,10 @@ def power_finding(
     if (geared := _gear_finding(drive, balance, card, agree, meaning)) is not None:
         return geared
     told = balance.share > 1 - balance.r2
-    if (decided and slope < -margin) or (
-        told and _USUAL[0] + margin < -slope < _USUAL[1] - margin
-    ):
+    least, most = _USUAL[0] + margin, _USUAL[1] - margin
+    # Where a power comes late, heat looks like a negative slope: beside its rate it must be, too.
+    turned = told and least < -slope < most and least < -balance.delayed < most
+    if (decided and slope < -margin) or turned:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'
         whose, mend = 'a', card.scaled(drive, 'torque', -1)
         if balance.losses < _FED * balance.power:

@@ -59,8 +59,9 @@ class ShaftBalance:
 
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
-    copper loss that friction adds: in slow motion it looks like τω. sprung: a beside e·τ·dτ/dt,
-    what a series spring takes up; NaN if none is sure to do so. losses: mean of P − a·τω, W, which
+    copper loss that friction adds: in slow motion it looks like τω. delayed: a beside e·τ·dτ/dt,
+    what a power adds that comes late, or a series spring; sprung: the same, NaN if no spring is
+    sure to add it. losses: mean of P − a·τω, W, which
     is above 0 unless the sign of P is wrong.
     """
 
@@ -71,6 +72,7 @@ class ShaftBalance:
     shaft: float
     power: float
     rubbed: float
+    delayed: float
     sprung: float
     losses: float
 
@@ -120,6 +122,7 @@ def power_balance(
         float(np.sqrt(np.mean(shaft**2))),
         float(np.sqrt(np.mean(power**2))),
         float(apart[0]),
+        float(beside[0]),
         float(beside[0]) if sprung else np.nan,
         float(np.mean(power - slope * shaft)),
     )

@@ -36,6 +36,7 @@ _LIKE_A_HEAD = 0.5  # names to a value
 _UNITS_THAT_ARE_NAMES = ('rpm', 'rps')
 _WORDS = ('cycle', 'turn', 'min', 'day', 'hour', 'year', 'a', 'd', 'h', 'r')  # that end names, too
 _TIMES = ('s', 'sec', 'ms', 'min')  # what a rate is over
+_AFTER_DOTS = ('deg', 'rad', 'rpm', 'dps', 'Nm', 'mNm', 'mA', 'mV', 'mW', 'kW', 'degC')
 _LENGTHS = ('m', 'cm', 'mm', 'km')  # of which a rate is no speed of a drive
 _TIME = ('t', 'time', 'zeit')  # what is in `t/s`, where others are rates
 _OVER_UNIT = re.compile(r'(?:[^:]*[_ .])?([^\W_]+)\s*/\s*([^/:\d][^/:]*)')
@@ -144,7 +145,9 @@ def unit_of(name: str) -> str:
         of_rate = over[1] in _LENGTHS or (over[2] in _TIMES and over[1].lower() not in _TIME)
         if not of_rate and not is_unit(over[1]):
             return over[2]
-    *before, ending = re.split(r'[_ .]', name)
+    if (dotted := name.rpartition('.')[2]) != name and dotted in _AFTER_DOTS:
+        return dotted
+    *before, ending = re.split(r'[_ ]', name)
     if before and (both := _of_two_words(before, ending)) is not None:
         return both
     if ending in _WORDS or (not before and name.lower() not in _UNITS_THAT_ARE_NAMES):
