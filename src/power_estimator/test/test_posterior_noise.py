@@ -73,3 +73,32 @@ def test_log_odds_come_closer_to_those_before_by_the_scatter():
     odds = Apart(4.0 * one, 2.0).odds(-1.0, 9.0, one)
     assert (odds.before, odds.after, odds.ratio) == (-1.0, 4.0, 4.0)
     assert Apart(4.0 * one, 2.0).odds(-1.0, -9.0, one).after == -9.0  # against it: whole
+
+
+def moved(velocity):
+    """Signals of a drive that moves at a velocity [8000] of 100 Hz."""
+    own = prepare(record(Truth({'idle': 1.0}, 'walk', 20.0, 1)).drives(['LF_KFE'])).signals
+    (part, *_) = own.stretches()
+    count = part.stop - part.start
+    signals = own.rows(np.arange(part.start, part.stop), np.zeros(count, np.int32))
+    column = np.resize(velocity, count)[:, None]
+    return with_quiet_rates(replace(signals, velocity=column, motor_velocity=column))
+
+
+def test_at_rest_friction_sees_a_third_of_the_noise_of_a_speed_that_swings_slowly():
+    time = np.arange(8000) / 400.0
+    truth = np.where(
+        time % 4.0 < 2.0, np.sin(np.pi * time) ** 2 * np.sign(np.sin(np.pi * time)), 0
+    )
+    noise = 0.05 * np.random.default_rng(0).normal(size=truth.shape)
+    signals = moved(truth + noise)
+    truth = truth[: len(signals.sliding)]
+    rest = (time % 4.0 > 2.2)[: len(truth)] & (time % 4.0 < 3.8)[: len(truth)]
+    assert np.std(signals.sliding[rest, 0]) < 0.05 / 3
+    assert np.corrcoef(signals.sliding[:, 0], truth)[0, 1] > 0.995
+
+
+def test_steps_of_a_speed_without_noise_are_left_as_they_are():
+    ladder = np.repeat([0.0, 1.0, -0.5, 2.0, 0.0, -2.0, 0.5, 1.5], 1000)
+    signals = moved(ladder)
+    assert np.abs(signals.sliding - signals.velocity).max() < 0.02
