@@ -117,6 +117,12 @@ def test_an_effect_that_a_whole_robots_model_lacks_is_named(tmp_path):
     assert diagnose([str(bag), '--model', str(model), '--json', str(found)]) == 0
     outcome = json.loads(found.read_text())
     assert (outcome['verdict'], outcome['effects']) == ('named', ['copper_loss'])
+    (of_copper,) = [one for one in outcome['candidates'] if one['name'] == 'copper_loss']
+    assert of_copper['drive'] == 'J0'  # most of the heat is there
+    assert of_copper['coefficient'] == pytest.approx(COPPER[0], rel=0.1)
+    assert of_copper['coefficients']['J0'] == [pytest.approx(of_copper['coefficient'], rel=1e-3)]
+    low, high = of_copper['interval']
+    assert low < COPPER[0] < high
 
 
 def test_a_slow_meter_is_refused_and_with_slow_judged_by_its_energy(tmp_path, capsys):

@@ -13,6 +13,7 @@ from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit
 from power_estimator.effects.fit.per_recording import OWN_TERMS, has_own_terms
+from power_estimator.effects.fit.whole_robot import shares_of_drives
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.training import Material
 from power_estimator.judge.estimator import together
@@ -234,6 +235,12 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
         interval = fits.fitter.intervals(fit, fits.seed)[place]
         if not interval[0] <= values[drive, lead] <= interval[1]:
             values[drive, lead] = fits.fitter.intervals(fit, fits.seed, level=0.0)[place][0]
+    names = prepared.names
+    if prepared.whole and (shares := shares_of_drives(active.effect)) is not None:
+        values, names = values * shares, prepared.signals.names
+        regressors = active.effect.regressors(prepared.signals, **active.parameters)
+        drive = int(np.argmax(np.square(regressors[..., lead]).mean(axis=0)))
+        interval = np.array(interval) * shares[drive, lead]
     term = active.effect.terms[lead]
     value, bounds = float(values[drive, lead]), (float(interval[0]), float(interval[1]))
     read_beside = DriveAtWork.of(prepared, drive, float(copper[0]) if copper.size else 0.0)
@@ -250,10 +257,10 @@ def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -
         coefficient=value,
         interval=bounds,
         owners_terms=in_owners_terms(active, term.symbol, value, bounds, read_beside),
-        drive=prepared.names[drive],
+        drive=names[drive],
         coefficients={
             name: [short(value) for value in row]
-            for name, row in zip(prepared.names, values.tolist(), strict=True)
+            for name, row in zip(names, values.tolist(), strict=True)
         },
         explained=(fits.base.fit.residual() - fit.residual()).astype(np.float32),
     )

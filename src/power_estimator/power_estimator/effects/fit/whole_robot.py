@@ -86,6 +86,12 @@ def share_of(effect: Effect, prepared: Prepared, drive: int) -> Floats:
     return effect.factors(prepared.signals.scale)[drive]
 
 
+def shares_of_drives(effect: Effect) -> Floats | None:
+    """Return factors [D, n] from an effect's coefficients to its drives'; None if they are one."""
+    function, arguments = effect.made or (None, ())
+    return arguments[2] if function is drive_share else None
+
+
 class WholeBuilder(DesignBuilder):
     """Builder of designs of a robot's one meter: a column per coefficient, summed over drives.
 
