@@ -37,7 +37,8 @@ def test_what_fails_in_a_group_is_run_again_and_fails_again(tmp_path):
     (tmp_path / 'test_it.py').write_text(FAILING)
 
     def rerun(*arguments):
-        options = ['-q', '-p', 'conftest', '-c', '/dev/null', '--rootdir', str(tmp_path)]
+        own = ['-c', str(ROOT / 'pyproject.toml'), '--rootdir', str(tmp_path)]
+        options = ['-q', '-p', 'conftest', *own]
         return subprocess.run(
             [sys.executable, '-m', 'pytest', *options, *arguments, str(tmp_path)],
             env=os.environ | {'PYTHONPATH': os.pathsep.join([str(ROOT), *sys.path])},
