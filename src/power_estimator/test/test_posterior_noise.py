@@ -76,7 +76,7 @@ def test_log_odds_come_closer_to_those_before_by_the_scatter():
 
 
 def moved(velocity):
-    """Signals of a drive that moves at a velocity [8000] of 100 Hz."""
+    """Signals of a drive that moves at a velocity [8000] at 400 Hz."""
     own = prepare(record(Truth({'idle': 1.0}, 'walk', 20.0, 1)).drives(['LF_KFE'])).signals
     (part, *_) = own.stretches()
     count = part.stop - part.start

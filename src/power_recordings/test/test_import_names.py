@@ -226,7 +226,10 @@ def test_a_constant_voltage_is_asked_for_only_where_no_column_is_in_volts(tmp_pa
 @pytest.mark.parametrize(
     ('mark', 'says'),
     [
-        ('', 'unit: V}: the nominal one, names and watts hardly need it'),
+        (
+            '',
+            'power without voltage; add voltage: {from: …} or {value: VOLTS, unit: V}, the',
+        ),
         ('# ', "is 'VOLTS'"),
     ],
 )

@@ -114,7 +114,7 @@ _SIDES: Final = (
     r'mean|avg|std|rms|var|peak|sim\w*|model|pred\w*|true|old|new|last|prev\w*'
 )
 """Words that tell sides of a drive, or kinds of a signal, apart."""
-_NO_DRIVE: Final = rf'(?!.$)({_SIDES})|load|brake|dyno|ref\w*|set\w*'
+_NO_DRIVE: Final = rf'(?!.$)({_SIDES})|load|brake|dyno|ref\w*|set\w*'  # a letter may be one
 _NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
 _ONE: Final = 0.999  # correlation of speeds on one shaft
 _COMPARED: Final = 24  # columns of a kind, each with each

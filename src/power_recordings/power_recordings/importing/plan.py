@@ -352,11 +352,11 @@ def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:
     moving = {'position', 'velocity'} & set(channels)
     if not moving and 'torque' not in channels:
         raise InputError(f'{where}: neither position, velocity nor torque')
-    for given in ('current', 'power'):
+    for given, about in (
+        ('current', ''),
+        ('power', ', the nominal one: names and watts hardly depend on it'),
+    ):
         if given in channels and 'voltage' not in channels:
-            about = (
-                '' if given == 'current' else ': the nominal one, names and watts hardly need it'
-            )
             raise InputError(
                 f'{where}: {given} without voltage; add voltage: {{from: …}} or '
                 f'{{value: VOLTS, unit: V}}{about}'

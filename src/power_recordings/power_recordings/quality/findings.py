@@ -93,7 +93,7 @@ def power_finding(
         return geared
     told = balance.share > 1 - balance.r2
     least, most = _USUAL[0] + margin, _USUAL[1] - margin
-    # Where a power comes late, heat looks like a negative slope: beside its rate it must be, too.
+    # With a delay between torque and power, heat alone may make a slope below 0.
     turned = told and least < -slope < most and least < -balance.delayed < most
     if (decided and slope < -margin) or turned:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'

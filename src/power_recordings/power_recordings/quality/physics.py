@@ -60,9 +60,9 @@ class ShaftBalance:
     a is near 1 where units and signs are right. share: of the variance of P, what only τω
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
     copper loss that friction adds: in slow motion it looks like τω. delayed: a beside e·τ·dτ/dt,
-    what a power adds that comes late, or a series spring; sprung: the same, NaN if no spring is
-    sure to add it. losses: mean of P − a·τω, W, which
-    is above 0 unless the sign of P is wrong.
+    what a delay between torque and power adds, or a series spring; sprung: the same, NaN if no
+    spring is sure to add it. losses: mean of P − a·τω, W, which is above 0 unless the sign of P is
+    wrong.
     """
 
     slope: float
