@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 from threading import Barrier, get_ident
 
@@ -176,6 +177,7 @@ def blas_threads():
 
 
 def test_products_have_one_thread_until_the_last_caller_is_done():
+    turn = sys.getswitchinterval()
     with threadpool_limits(limits=2, user_api='blas'):
         first, second = one_thread_a_product(), one_thread_a_product()
         first.__enter__()
@@ -185,8 +187,10 @@ def test_products_have_one_thread_until_the_last_caller_is_done():
         both = Barrier(2)  # which one thread alone never passes
         assert for_each(lambda _: both.wait(60) in (0, 1), range(2)) == [True, True]
         assert blas_threads() == {1}
+        assert sys.getswitchinterval() == pytest.approx(min(turn, 1e-3))
         second.__exit__(None, None, None)
         assert blas_threads() == {2}
+        assert sys.getswitchinterval() == pytest.approx(turn)
 
 
 def test_work_within_shared_work_is_not_shared_again():

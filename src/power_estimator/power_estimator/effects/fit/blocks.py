@@ -1,5 +1,6 @@
 """Blocks of a second, and the normal equations of each."""
 
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +18,7 @@ from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
+_TURN = 1e-3  # s of Python's lock in turn; at the usual 5 ms, numpy in other threads waits for it
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 
@@ -27,6 +29,7 @@ class _Threads:
     def __init__(self) -> None:
         self._lock, self._inside = threading.Lock(), threading.local()
         self._depth, self._before = 0, 1
+        self._turn = sys.getswitchinterval()
         self._limit = ExitStack()
 
     def to_share(self) -> int:
@@ -48,6 +51,8 @@ class _Threads:
             if not self._depth:
                 self._before = _allowed(controller)
                 self._limit.enter_context(controller.limit(limits=1, user_api='blas'))
+                self._turn = sys.getswitchinterval()
+                sys.setswitchinterval(min(_TURN, self._turn))
             self._depth += 1
         try:
             yield
@@ -56,6 +61,7 @@ class _Threads:
                 self._depth -= 1
                 if not self._depth:
                     self._limit.close()
+                    sys.setswitchinterval(self._turn)
 
 
 _THREADS = _Threads()
