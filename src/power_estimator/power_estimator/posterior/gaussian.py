@@ -276,7 +276,8 @@ def _between(low: float, high: float, random: np.random.Generator) -> float:
         side = 1.0 if low > 0.0 else -1.0
         near, far = (low, high) if low > 0.0 else (-high, -low)
         if near > _FAR:  # the tail is all but exponential
-            return side * min(near + random.exponential() / near, far)
+            most = -np.expm1(near * (near - far))
+            return side * min(near - float(np.log1p(-most * random.random())) / near, far)
         upper, lower = ndtr(-near), ndtr(-far)
         return -side * float(ndtri(lower + (upper - lower) * random.random()))
     below, above = ndtr(low), ndtr(high)

@@ -147,7 +147,7 @@ def judged_effects(
     known_now = tuple(search.actives[i] for i in sorted(chosen) if i not in new)
     added = tuple(search.actives[i] for i in sorted(new))
     any_missing = _any_missing(search, candidates, added, expected)
-    scales = _scales(search, meters, in_set)
+    scales = _scales(search, chosen, meters, in_set, candidates)
     return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
 
 
@@ -248,19 +248,32 @@ def _any_missing(
 
 
 def _scales(
-    search: EffectSearch, meters: Sequence[MeterSummary], in_set: Sequence[InSet]
+    search: EffectSearch,
+    chosen: Chosen,
+    meters: Sequence[MeterSummary],
+    in_set: Sequence[InSet],
+    candidates: Sequence[JudgedEffect],
 ) -> Mapping[str, float]:
-    """Probability that each scale is off, over the best set and those that may be in its place."""
+    """Probability that each scale is off, over the best set and those that may be in its place.
+
+    Sets with one effect more count, too: a scale stands in for an effect that is not named.
+    """
+    sets = {other.chosen: one.probability(other) for one in in_set for other in one.stand_ins}
+    apart = search.names_of(chosen).union(*map(search.names_of, sets))
+    places = {active.key: i for i, active in enumerate(search.actives)}
+    sets |= {
+        (*chosen, places[one.active.key]): one.probability
+        for one in candidates
+        if one.active.name not in apart
+    }
     weights, found = [1.0], [_scales_of(search, meters)]
-    for one in in_set:
-        for other in one.stand_ins:
-            weight = one.probability(other)
-            if weight >= _WEIGHS:
-                own = [search.actives[i] for i in other.chosen]
-                fitted = zip(search.meters, search.at(other.chosen), strict=True)
-                summaries = [summarised(m, own, search.known, f.point) for m, f in fitted]
-                weights.append(weight / (1.0 - weight))
-                found.append(_scales_of(search, summaries))
+    for each, probability in sets.items():
+        if probability >= _WEIGHS:
+            own = [search.actives[i] for i in each]
+            fitted = zip(search.meters, search.at(each), strict=True)
+            summaries = [summarised(m, own, search.known, f.point) for m, f in fitted]
+            weights.append(probability / (1.0 - probability))
+            found.append(_scales_of(search, summaries))
     return {
         name: float(np.average([own[name] for own in found], weights=weights)) for name in SCALES
     }
