@@ -215,6 +215,18 @@ def test_draws_of_a_half_normal_have_its_mean():
     assert drawn.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.15)  # of unit spread
 
 
+def test_draws_between_near_ends_far_out_are_no_further_out_than_likely():
+    # a + b = 1.00 ± 0.01 and a − b = 161 ± 20, neither below 0: a − b is between −1 and 1, where
+    # its density is as exp(161 x / 20²); that has the mean coth(0.4025) − 1 / 0.4025.
+    columns = np.array([[100.0, 100.0], [0.05, -0.05]])
+    normal = of_columns(columns, np.array([[100.0], [161.0 / 20.0]]))
+    sizes, signed = np.full(2, 1e5), np.array([True, True])
+    drawn = draws(normal, 0, sizes, np.full(2, 0.5), signed, np.random.default_rng(5))
+    apart = drawn[:, 0] - drawn[:, 1]
+    assert apart.mean() == pytest.approx(1.0 / np.tanh(0.4025) - 1.0 / 0.4025, abs=0.12)
+    assert apart.std() == pytest.approx(np.sqrt(1 / 3), rel=0.1)
+
+
 def test_nuisances_are_drawn_with_the_effects_that_they_stand_beside():
     columns = np.array([[1.0, 1.0], [0.0, 0.1]])
     normal = of_columns(columns, np.array([[2.0], [0.0]]))

@@ -79,3 +79,13 @@ def test_an_arm_that_rests_under_load_lacks_no_stribeck_friction_for_its_noise_o
     known = [Active.of(EFFECTS[name]) for name in truth.known]
     found = judged_effects(prepare(truth.data), known, EFFECTS)
     assert found.probability['stribeck_friction'] < 0.5
+
+
+def test_a_scale_that_stands_in_for_an_effect_that_is_not_named_is_not_certain():
+    case = Case('rigid', 'arm', 60.0, 1, 97100003, ('load_friction', 'viscous_friction'), 2.0)
+    truth = true_plant(case)
+    known = [Active.of(EFFECTS[name]) for name in truth.known]
+    found = judged_effects(prepare(truth.data), known, EFFECTS)
+    assert found.probability['load_friction'] > NAMED
+    assert 0.1 < found.probability['viscous_friction'] < NAMED  # there, too
+    assert max(found.scales.values()) < NAMED  # all sensors are right

@@ -58,7 +58,9 @@ def test_a_diagnosis_is_judged_by_the_settings_of_the_sessions_judge(lab):
     usual, later = (Judge(knee, lab.judge.catalogue, one) for one in (None, settings))
     own = Session(later).fit('shaft copper_loss idle')
     assert own.score.rms_w != pytest.approx(replace(own, judge=usual).score.rms_w, abs=0.01)
-    assert own.diagnose().judged.before.rms_w == pytest.approx(own.score.rms_w, abs=1e-6)
+    found = own.diagnose()
+    assert found.judged.before.rms_w == pytest.approx(own.score.rms_w, abs=1e-6)
+    assert found.sentence in str(found).splitlines()  # as the command prints it
 
 
 def test_effects_are_added_and_removed_with_coefficients_shared_as_before(lab, tmp_path):
@@ -80,7 +82,13 @@ def test_effects_are_added_and_removed_with_coefficients_shared_as_before(lab, t
 def test_the_staircase_has_the_figures_of_a_comparison(lab):
     better = lab.add(['load_friction'])
     stairs = better.stairs()
-    compared = better.compare('mechanical_power').models
+    comparison = better.compare('mechanical_power')
+    compared = comparison.models
+    assert str(comparison).splitlines()[1].split() == [
+        f'{compared[1].rms_w:.2f}',
+        'W',
+        compared[1].name,
+    ]
     assert stairs.errors == pytest.approx([lab.score.rms_w, compared[0].rms_w], abs=1e-6)
     assert stairs.steps == ('fit', 'load_friction')
     assert stairs.figure()['data'][0]['x'] == ['fit', 'load_friction']

@@ -32,6 +32,9 @@ class Comparison:
     labels: Mapping[str, NDArray[np.str_]]
     both: Mapping[str, BothSides]  # of drives with torque at the joint and motor current
 
+    def __str__(self) -> str:
+        return '\n'.join(f'{judged.rms_w:8.2f} W  {judged.name}' for judged in self.models)
+
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `compare --json` writes them."""
         noise = zip(self.prepared.names, self.prepared.noise.tolist(), strict=True)

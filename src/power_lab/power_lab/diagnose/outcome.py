@@ -105,6 +105,9 @@ class Outcome:
     motion: Motion
     seconds: float  # of the recordings, of which the diagnosis may have judged on pieces
 
+    def __str__(self) -> str:
+        return '\n'.join(self.lines)
+
     @property
     def prepared(self) -> Prepared:
         """Signals that were judged."""

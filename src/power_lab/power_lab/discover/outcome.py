@@ -105,6 +105,9 @@ class DiscoveryOutcome:
     transfers: tuple[Transfer | None, ...]  # by what was found
     tested_on: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return self.sentence
+
     @property
     def written(self) -> list[Found]:
         """Effects that go into the file."""
