@@ -101,10 +101,14 @@ class Card:
         size = factor * given if isinstance(given, float) else factor
         return f'{quantity}: {{scale: {size:.4g}}}'
 
+    def metered(self, drive: str) -> str:
+        """Return what a drive's imported power is known by, `current` or `power`; '': of all."""
+        return next(iter(self._noted('positive', drive) or {'current': 'drawn'}))
+
     def turned_meter(self, drive: str) -> str:
         """Return the line of an import map that turns the sign of a drive's meter; '': of all."""
-        given = self._noted('positive', drive) or {'current': 'drawn'}
-        quantity, sign = next(iter(given.items()))
+        quantity = self.metered(drive)
+        sign = (self._noted('positive', drive) or {}).get(quantity)
         line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'
         return line if drive else f'supply: {{{line}}}'
 

@@ -10,9 +10,20 @@ T = np.arange(1200) / 100.0
 RNG = np.random.default_rng(5)
 
 
+ANGLE, SPEED = -np.cos(2.1 * T), 2.1 * np.sin(2.1 * T)
+TORQUE = 20 * np.cos(0.9 * T)
+WATTS = TORQUE * SPEED + 0.2 * TORQUE**2 + 6
+
+
 def guess(folder, capsys, names, **columns):
     """Return a guessed map and its text; columns without values are noise, each its own."""
-    values = {name: columns.get(name, RNG.normal(size=len(T))) for name in names.split()}
+    return listed(
+        folder, capsys, {n: columns.get(n, RNG.normal(size=len(T))) for n in names.split()}
+    )
+
+
+def listed(folder, capsys, values):
+    """Return the guessed map of columns by name, and its text."""
     table = np.stack([T, *values.values()], axis=1)
     log = csv(folder / 'log.csv', table, ','.join(['time_s', *values]))
     capsys.readouterr()
@@ -152,3 +163,64 @@ def test_thousands_of_rows_that_follow_on_another_are_not_taken_for_operating_po
     log = csv(tmp_path / 'log.csv', table, 'speed_rpm,torque_Nm,bus_V,bus_A')
     assert main([str(log), '--list']) == 0
     assert yaml.safe_load(capsys.readouterr().out)['time'].items() >= time.items()
+
+
+@pytest.mark.parametrize(
+    ('kinds', 'drives'),
+    [
+        ('{}_hip_{} {}_knee_{}', {'FL_HIP', 'FL_KNEE', 'RR_HIP', 'RR_KNEE'}),
+        ('{}_leg_{}', {'FL', 'RR'}),  # the same second word in all
+    ],
+)
+def test_drives_of_two_words_are_told_apart_where_the_first_alone_is_of_several(
+    tmp_path, capsys, kinds, drives
+):
+    names = [
+        kind.format(leg, what)
+        for leg in ('FL', 'RR')
+        for kind in kinds.split()
+        for what in ('q', 'dq', 'tau', 'pwr')
+    ]
+    values = dict(zip(('q', 'dq', 'tau', 'pwr'), (ANGLE, SPEED, TORQUE, WATTS), strict=True))
+    found, _ = listed(tmp_path, capsys, {n: values[n.split('_')[-1]] for n in names})
+    assert set(found['drives']) == drives
+    for own in found['drives'].values():
+        assert {'position', 'velocity', 'torque', 'power'} <= set(own)
+
+
+def test_a_second_word_tells_drives_whose_meters_have_another_first_word(tmp_path, capsys):
+    quantities = {
+        'hip_{} angle [rad]': ANGLE,
+        'hip_{} rate [rad/s]': SPEED,
+        'hip_{} torque [Nm]': TORQUE,
+        'bus_{} U [V]': 48 + 0 * T,
+        'bus_{} I [A]': WATTS / 48,
+    }
+    columns = {kind.format(side): own for side in 'LR' for kind, own in quantities.items()}
+    found, _ = listed(tmp_path, capsys, columns)
+    assert found['drives']['L']['current']['from'] == 'bus_L I [A]'
+    assert found['drives']['R']['current']['from'] == 'bus_R I [A]'
+    assert found['drives']['R']['position']['from'] == 'hip_R angle [rad]'
+
+
+def test_effort_and_numbered_powers_are_known_beside_the_motion_of_their_drive(tmp_path, capsys):
+    columns = {'knee.pos': ANGLE, 'knee.vel': SPEED, 'knee.eff': TORQUE, 'knee.pdc': WATTS}
+    columns |= {name.replace('knee', 'hip'): own for name, own in columns.items()}
+    found, _ = listed(tmp_path, capsys, columns)
+    assert found['drives']['HIP']['torque']['from'] == 'hip.eff'
+    columns = {}
+    for n in '12':
+        columns |= {f'q{n}': ANGLE, f'dq{n}': SPEED, f'M{n}': TORQUE, f'P{n}': WATTS}
+    found, _ = listed(tmp_path, capsys, columns)
+    assert found['drives']['DRIVE_*']['power']['from'] == 'P*'
+
+
+def test_speeds_of_a_like_name_have_one_unit(tmp_path, capsys):
+    """A drive that mostly holds: by itself its speed would be in turns a second."""
+    held = 0.6 * 2 * np.pi * TORQUE * SPEED + 0.2 * TORQUE**2
+    columns = {}
+    for name, watts in (('abad', held), ('hip', WATTS), ('knee', WATTS)):
+        columns |= {f'{name}_q': ANGLE, f'{name}_qd': SPEED, f'{name}_tau': TORQUE}
+        columns[f'{name}_p_dc'] = watts
+    found, _ = listed(tmp_path, capsys, columns)
+    assert {own['velocity']['unit'] for own in found['drives'].values()} == {'rad/s'}

@@ -57,6 +57,7 @@ def guess(folder, capsys, **columns):
         ('m1.dps', 'dps'),
         ('axis0.pos', ''),
         ('log.qd', ''),
+        ('abad_qd', ''),  # a speed, no quectoday
         ('drive.tau.F', ''),
         ('volts.1', ''),
     ],

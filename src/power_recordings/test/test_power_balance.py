@@ -143,7 +143,8 @@ def test_where_speed_and_position_agree_the_torque_is_suspected_before_them(
     with pytest.raises(InputError, match='1 / gear_ratio 60: torque multiplied by it') as raised:
         refuse_wrong_units(geared(tmp_path, torque, speed))
     assert 'Or position and speed, which agree, both at: motor?' in str(raised.value)
-    assert 'in the map: torque: {scale: SCALE / 60}' in str(raised.value)
+    assert 'Or the position is in degrees and speed is in degrees per second?' in str(raised.value)
+    assert 'in the map: torque: {scale: 0.01667}' in str(raised.value)
 
 
 def test_a_far_slope_of_a_small_share_of_the_power_is_warned_of_without_a_gear_ratio(
@@ -256,3 +257,57 @@ def test_what_a_series_spring_takes_up_is_no_error_of_units_and_a_gear_is_one(ge
     found = power_finding('ANKLE', balance, Card())
     assert found.severity == severity
     assert ('a series spring?' in found.text) == (gear == 1.0)
+
+
+# A drive that mostly holds: torque × speed makes less than 2 % of the power's variance.
+HOLDS = 0.15 * TORQUE * SPEED + 0.2 * TORQUE**2 + 8.0
+HOLDS += 4.0 * np.random.default_rng(0).normal(size=len(TIME))
+
+
+def test_a_meter_that_counts_the_other_way_is_told_by_its_losses_where_nearly_all_is_heat():
+    bag = recording(-HOLDS, 1.0, 0.15)
+    (error,) = [f for f in check_recording(bag).findings if f.code == 'power_units']
+    assert "the meter's sign is wrong" in error.text
+
+
+def test_a_torque_that_counts_the_other_way_is_warned_of_where_nearly_all_is_heat():
+    for sign, expected in ((1.0, []), (-1.0, ['is a sign wrong?'])):
+        bag = recording(HOLDS, sign, 0.15)
+        found = [f for f in check_recording(bag).findings if f.code.startswith('power')]
+        assert [f.text.rpartition(': ')[2] for f in found] == expected
+        assert all(f.severity == 'warning' for f in found)
+
+
+def imported(folder, bag, **notes):
+    """A recording with what its import noted of a drive: units, and what the meter gives."""
+    Card.of({'imported': {what: {'KNEE': own} for what, own in notes.items()}}).save(folder)
+    return replace(bag, folder=folder)
+
+
+def test_kilowatts_are_told_beside_the_other_unit_that_makes_the_same_slope(tmp_path):
+    bag = recording(1e-3 * (TORQUE * SPEED + 0.05 * TORQUE**2 + 8.0))
+    for notes, words in (
+        ({'positive': {'power': 'drawn'}}, 'torque is in mN·m or power is in kW?'),
+        ({'positive': {'current': 'drawn'}}, 'torque is in mN·m?'),
+    ):
+        with pytest.raises(InputError, match=words) as raised:
+            refuse_wrong_units(imported(tmp_path, bag, **notes))
+        assert ('in the map' in str(raised.value)) == ('kW' not in words)
+
+
+def test_position_and_speed_that_agree_are_wrong_together(tmp_path):
+    turn = 180 / np.pi
+    bag = recording(TORQUE * SPEED + 0.5 * TORQUE**2 + 8.0, 1.0, turn)
+    with pytest.raises(
+        InputError, match='position is in degrees and speed is in degrees'
+    ) as raised:
+        refuse_wrong_units(imported(tmp_path, bag, units={'position': 'rad', 'velocity': 'rad/s'}))
+    assert 'position: {unit: deg}, velocity: {unit: deg/s}' in str(raised.value)
+
+
+def test_a_slope_beyond_any_loss_is_refused_with_the_unit_that_makes_it():
+    """A small gripper that holds: its shaft stands for 4 % of the variance of its power."""
+    power = 1e-3 * (TORQUE * SPEED + 0.5 * TORQUE**2 + 8.0)
+    assert 0.02 < power_balance(power, TORQUE, 1e-3 * SPEED).share < 0.3
+    with pytest.raises(InputError, match=r'grows by 1e\+03 W .* current is in mA'):
+        refuse_wrong_units(recording(1e3 * power, 1.0, 1e-3))

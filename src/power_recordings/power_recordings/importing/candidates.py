@@ -94,12 +94,13 @@ _RULES: Final = (
     ('winding', r'(^|_)i_?rms(_|$)'),
     ('voltage', r'volt|(^|_)[uv](_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
-    ('power', r'power|watt'),
+    ('power', r'power|watt|(^|_)pwr(_|$)'),
     ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
     ('position', r'(pos|angle|theta|(^|_)q(_|$)|^phi(_|$))'),
     ('torque', r'^m(_|$)'),
     ('velocity', r'^n(_[a-z]+)?$|(^|_)rate(_|$)'),
     ('position', r'(^|_)(ang|enc|encoder)(_|$)'),
+    ('torque', r'_eff$'),  # effort, as joint states have it
 )
 _LETTER_P: Final = r'(?<![A-Za-z])P(?![A-Za-z])'  # a power beside q, dq and tau of its drive
 _TIMED: Final = r'_t(_(s|ms|us|ns))?$'  # behind a group's name, of a column that rises
@@ -115,6 +116,8 @@ _SIDES: Final = (
 )
 """Words that tell sides of a drive, or kinds of a signal, apart."""
 _NO_DRIVE: Final = rf'(?!.$)({_SIDES})|load|brake|dyno|ref\w*|set\w*'  # a letter may be one
+_BUT_LAST: Final = slice(0, -1)
+_SECOND: Final = slice(1, 2)
 _NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
 _ONE: Final = 0.999  # correlation of speeds on one shaft
 _COMPARED: Final = 24  # columns of a kind, each with each
@@ -214,8 +217,8 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
         return None
     unit = column.unit or unit_of(column.address)
     name = words(_stem(column.address) if '/' in column.address + unit else column.address)
-    motion = {re.sub(_LETTER_P, symbol, column.address) for symbol in ('q', 'dq', 'tau')}
-    if column.address not in motion and motion <= names:
+    beside = {re.sub(_LETTER_P, symbol, column.address) for symbol in ('q', 'dq', 'tau', 'M')}
+    if column.address not in beside and len(beside & names) > 2:
         name = 'power'
     bracket = _BRACKETS.search(column.address)
     said = bracket[1] if bracket else ''
@@ -304,11 +307,13 @@ def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
 def _by_word(
     found: Sequence[CandidateColumn], angles: Sequence[CandidateColumn]
 ) -> list[CandidateColumn]:
-    """Name drives by first or last words that columns of several quantities share.
+    """Name drives by words that columns of several quantities share.
 
-    Either of motion and of power, or two of motion that are there of another word, too, and go
-    their own way; a letter also of a torque. angles: further columns that tell of it. Beside
-    drives with numbers, those with a torque and a power of their own: J1, J2 and Z.
+    By the first or the last: either of motion and of power, or two of motion that are there of
+    another word, too, and go their own way; a letter also of a torque. By all words but the last,
+    or the second, as in `fl_hip_dq` and `hip_l_rate`, bus_l_u: of motion and of power. angles:
+    further columns that tell of it. Beside drives with numbers, those with a torque and a power of
+    their own: J1, J2 and Z.
     """
     if any(c.drive for c in found):
         return _beside_numbers(found)
@@ -317,30 +322,37 @@ def _by_word(
         len(n) > 1 for n in names.values()
     ):
         names = {address: name[1:] for address, name in names.items()}  # a group that holds all
-    for place in (0, -1):
+    for place in (_BUT_LAST, slice(0, 1), slice(-1, None), _SECOND):
+        inner = place in (_BUT_LAST, _SECOND)
+        own_of = {
+            address: '' if inner and len(name) < 3 else '_'.join(name[place])
+            for address, name in names.items()
+        }
         kinds: dict[str, set[str]] = defaultdict(set)
         rows: dict[tuple[str, ...], list[CandidateColumn]] = defaultdict(list)
         for c in (*found, *angles):
-            *rest, word = names[c.address] if place else names[c.address][::-1]
-            kinds[word].add(c.quantity)
+            rest = [*names[c.address]]
+            del rest[place]
+            kinds[own_of[c.address]].add(c.quantity)
             rows[c.quantity, *rest].append(c)
         several: dict[str, set[str]] = defaultdict(set)
         for (quantity, *_), row in rows.items():
-            if quantity in _MOTION and len(row) > 1 and not _coupled(row):
+            if quantity in _MOTION and len(row) > 1 and not inner and not _coupled(row):
                 for c in row:
-                    several[names[c.address][place]].add(quantity)
+                    several[own_of[c.address]].add(quantity)
         drives = {
             word
             for word, own in kinds.items()
             if ({'velocity', 'position'} & own and {'current', 'power'} & own and len(own) > 2)
             or (len(several[word]) > 1 and not re.fullmatch(_SIDES, word))
             or ('torque' in several[word] and re.fullmatch('[abcxyz]', word))
-        }
-        if len(drives) > 1:
+        } - {''}
+        firsts = {word.split('_')[0] for word in drives}
+        if len(drives) > (len(firsts) if place == _BUT_LAST else 1):
             return [
                 replace(c, drive=word.upper()) if word in drives else c
                 for c in found
-                for word in (names[c.address][place],)
+                for word in (own_of[c.address],)
             ]
     return list(found)
 

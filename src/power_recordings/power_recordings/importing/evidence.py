@@ -3,16 +3,17 @@
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final, Literal
 
 import numpy as np
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.importing.candidates import CandidateColumn, is_mere_angle
 from power_recordings.importing.units import conversion
+from power_recordings.importing.words import words
 from power_recordings.quality.physics import solve, velocity_slope
 
 # Of a speed that states no unit: the most W of power for a W of torque × speed. What is less than
@@ -66,6 +67,29 @@ class Choice:
     turned: Turned
     why: str
     score: float  # R², less for each place in the lists
+
+    def with_unit_of(self, best: 'Choice | None') -> 'Choice':
+        """Return the choice with the unit of another drive's speed, if its name is alike."""
+        own = words(self.velocity.address).split('_')[-1]
+        if (
+            best is None
+            or self.velocity.unit
+            or self.speed_unit == best.speed_unit
+            or own != words(best.velocity.address).split('_')[-1]
+        ):
+            return self
+        why = f'as {printable(best.velocity.address)}, where {best.why}'
+        return replace(self, speed_unit=best.speed_unit, why=why)
+
+
+def best_told(chosen: Sequence[Choice]) -> Choice | None:
+    """Return the best choice of several drives' that has the unit of most of them, or None."""
+
+    def told(choice: Choice) -> tuple[float, float]:
+        alike = [one.score for one in chosen if one.speed_unit == choice.speed_unit]
+        return sum(alike), choice.score
+
+    return max(chosen, key=told, default=None)
 
 
 def si(candidate: CandidateColumn, unit: str = '') -> Floats:
@@ -183,6 +207,19 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
         return None
     ahead = shaft[np.abs(shaft) > _SHOWN * np.abs(shaft).max()] * (-1 if turned == 'torque' else 1)
     return _Fit(slope, r2, turned, float(np.mean(ahead > 0)) > _DRIVES)
+
+
+def velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
+    """Take a column called v for a velocity where a voltage has another name."""
+    volts = own.get('voltage', [])
+    v = next((c for c in volts if words(c.address) == 'v' and not c.unit), None)
+    if v is None or len(volts) < 2 or 'velocity' in own:
+        return own
+    return {
+        **own,
+        'voltage': [c for c in volts if c != v],
+        'velocity': [replace(v, quantity='velocity')],
+    }
 
 
 def follows(position: CandidateColumn, velocity: CandidateColumn) -> bool:

@@ -20,12 +20,14 @@ from power_recordings.importing.candidates import (
 from power_recordings.importing.evidence import (
     ByQuantity,
     Choice,
+    best_told,
     choose,
     companion,
     follows,
     made_of_current,
     metered_pair,
     unit_by_rate,
+    velocity_apart_from_voltage,
 )
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
@@ -120,7 +122,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     time = row_times(found)
     made = {n or 'DRIVE': _Drive(q, shared, in_turns, along, time) for n, q in drives.items()}
     chosen = [drive.choice for drive in made.values() if drive.choice is not None]
-    best = max(chosen, key=lambda choice: choice.score, default=None)
+    best = best_told(chosen)
     supply = _supply_lines(whole)
     bodies = {name: drive.lines(best, bool(supply)) for name, drive in made.items()}
     if len(made) == 1:
@@ -145,7 +147,7 @@ class _Drive:
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
-        own = _velocity_apart_from_voltage(own)
+        own = velocity_apart_from_voltage(own)
         self._own, self._shared = own, shared
         self.choice: Choice | None = choose(own)
         winding = own.get('winding')
@@ -220,7 +222,7 @@ class _Drive:
         best: the choice of a drive of the log that decides the unit of speeds. metered: there is
         a supply of the whole robot.
         """
-        self.choice = self.choice or best
+        self.choice = best if self.choice is None else self.choice.with_unit_of(best)
         lines = []
         for quantity in QUANTITIES:
             if (taken := self._taken.get(quantity)) is not None:
@@ -353,19 +355,6 @@ def _along(item: Listed) -> str:
     if not found or not named:
         return ''
     return _ALONG.format(yaml_text(item.column.address), _GROUND[found[1]])
-
-
-def _velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
-    """Take a column called v for a velocity where a voltage has another name."""
-    volts = own.get('voltage', [])
-    v = next((c for c in volts if words(c.address) == 'v' and not c.unit), None)
-    if v is None or len(volts) < 2 or 'velocity' in own:
-        return own
-    return {
-        **own,
-        'voltage': [c for c in volts if c != v],
-        'velocity': [replace(v, quantity='velocity')],
-    }
 
 
 def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:

@@ -17,6 +17,7 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     'torque': {'N*m': 1.0, 'mN*m': 1e-3},
     'current': {'A': 1.0, 'mA': 1e-3},
     'voltage': {'V': 1.0, 'mV': 1e-3},
+    'power': {'W': 1.0, 'kW': 1e3, 'mW': 1e-3},
 }
 """Units that quantities may be in, and their sizes in that of a recording, which is the first."""
 _SPOKEN: Final = {
@@ -40,35 +41,61 @@ OF_VELOCITY: Final[Causes] = (
     {'position': 1, 'velocity': -1},
 )
 OF_TORQUE: Final[Causes] = ({'torque': 1},)
-OF_POWER: Final[Causes] = (
-    {'velocity': 1},
-    *OF_TORQUE,
-    {'current': -1},
-    {'velocity': 1, 'torque': 1},
-    {'current': -1, 'voltage': -1},
-)
+OF_POWER: Final[Mapping[str, Causes]] = {
+    'current': (
+        {'velocity': 1},
+        *OF_TORQUE,
+        {'current': -1},
+        {'velocity': 1, 'torque': 1},
+        {'current': -1, 'voltage': -1},
+    ),
+    'power': ({'velocity': 1}, *OF_TORQUE, {'power': -1}, {'velocity': 1, 'torque': 1}),
+}
+"""By what the power is known by."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Units that quantities are in, in place of those of the map; of none, it is false."""
+    """Units that quantities are in, in place of those of the map; of none, it is false.
+
+    others: units that would make the same slope.
+    """
 
     units: Mapping[str, str]
+    others: tuple[Mapping[str, str], ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.units)
 
     def __str__(self) -> str:
         names = {'velocity': 'speed', 'time': 'the time', 'position': 'the position'}
-        return ' and '.join(
-            f'{names.get(quantity, quantity)} is in {_SPOKEN.get(unit, unit).replace("*", "·")}'
-            for quantity, unit in self.units.items()
-        )
+
+        def told(quantity: str, unit: str) -> str:
+            spoken = _SPOKEN.get(unit, unit).replace('*', '·')
+            return f'{names.get(quantity, quantity)} is in {spoken}'
+
+        alike = (self.units, *self.others)
+        return ' or '.join(' and '.join(told(*one) for one in each.items()) for each in alike)
 
     @property
     def mend(self) -> str:
-        """The entries of a map that state these units."""
-        return ', '.join(f'{quantity}: {{unit: {unit}}}' for quantity, unit in self.units.items())
+        """The entries of a map that state these units; '' where others do as well."""
+        entries = (f'{quantity}: {{unit: {unit}}}' for quantity, unit in self.units.items())
+        return '' if self.others else ', '.join(entries)
+
+    def with_position(self, card: Card, drive: str) -> 'Cause':
+        """Return the cause where speed is the rate of the position, which is then as wrong."""
+        speed = self.units.get('velocity')
+        if speed is None:
+            return self
+        stated = {
+            q: card.unit_of(drive, q) or next(iter(UNITS[q])) for q in ('velocity', 'position')
+        }
+        off = UNITS['velocity'][speed] / UNITS['velocity'].get(stated['velocity'], np.nan)
+        for unit, size in UNITS['position'].items():
+            if np.isclose(size / UNITS['position'].get(stated['position'], np.nan), off):
+                return Cause({'position': unit, **self.units}, self.others)
+        return Cause({})
 
 
 def cause_of(slope: float, causes: Causes, card: Card, drive: str) -> Cause:
@@ -89,8 +116,11 @@ def cause_of(slope: float, causes: Causes, card: Card, drive: str) -> Cause:
                 factor *= (UNITS[quantity][unit] / size) ** exponent
             off = abs(np.log(max(slope, 1e-12) / factor))
             limit = np.log(_WIDE if tuple(exponents) in _LOSSY else 1 + _TOLERANCE)
+            own = dict(zip(exponents, units, strict=True))
             if off < limit and off + chosen < nearest - 1e-9:
-                best, nearest = Cause(dict(zip(exponents, units, strict=True))), off + chosen
+                best, nearest = Cause(own), off + chosen
+            elif off < limit and off + chosen < nearest + 1e-9:
+                best = Cause(best.units, (*best.others, own))
     return best
 
 

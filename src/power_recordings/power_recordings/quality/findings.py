@@ -45,6 +45,7 @@ _LARGE: Final = 3.0  # times the power, that torque × speed is of units that ar
 _SMALL: Final = 0.1  # if power grows by less W with each W of it
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
+_NEAR: Final = 1.12  # times a gear ratio, that units which fit as well are not told before it
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
 _RPM: Final = 2 * np.pi / 60
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
@@ -77,10 +78,11 @@ def power_finding(
         return None
     slope, margin = balance.slope, 2 * balance.error
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
-    meaning = cause_of(slope, OF_POWER, card, drive)
-    mend = (
-        f'supply: {{{meaning.mend}}}' if not drive and 'current' in meaning.units else meaning.mend
-    )
+    meaning = cause_of(slope, OF_POWER[card.metered(drive)], card, drive)
+    meaning = meaning.with_position(card, drive) if agree else meaning
+    mend = meaning.mend
+    if mend and not drive and {'current', 'power'} & set(meaning.units):
+        mend = f'supply: {{{mend}}}'
     usual = _USUAL[0] - margin < slope < _USUAL[1] + margin
     sprung = _USUAL[0] < balance.sprung < _USUAL[1] and balance.share > _HINTED
     if sprung and not usual and not balance.impossible:
@@ -94,7 +96,8 @@ def power_finding(
     told = balance.share > 1 - balance.r2
     least, most = _USUAL[0] + margin, _USUAL[1] - margin
     # With a delay between torque and power, heat alone may make a slope below 0.
-    turned = told and least < -slope < most and least < -balance.delayed < most
+    mirrored = least < -slope < most and least < -balance.delayed < most
+    turned = mirrored and (told or balance.losses < _FED * balance.power)
     if (decided and slope < -margin) or turned:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed'
         whose, mend = 'a', card.scaled(drive, 'torque', -1)
@@ -102,21 +105,25 @@ def power_finding(
             text += f', and the losses would be {balance.losses:.3g} W'
             whose, mend = "the meter's", card.turned_meter(drive)
         return Finding('power_units', 'error', drive, f'{text}: {whose} sign is wrong', mend)
-    if balance.impossible and not (decided and meaning):
+    certain = decided and meaning
+    if balance.impossible and not certain:
         cause = meaning if balance.share > _HINTED and meaning else 'units of torque and speed'
         text = f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were'
-        return Finding('power_units', 'error', drive, f'{text} metered: {cause}?')
-    if slope < -2 * margin and balance.share > _HINTED:
+        return Finding('power_units', 'error', drive, f'{text} metered: {cause}?', mend)
+    mirrored &= balance.rubbed < -_USUAL[0]
+    if mirrored or (slope < -2 * margin and balance.share > _HINTED):
         text = f'power falls with torque × speed, {balance}: is a sign wrong?'
         return Finding('power_slope', 'warning', drive, text)
-    if balance.shaft > _LARGE * balance.power and abs(slope) + margin < _SMALL:
+    large = balance.shaft > _LARGE * balance.power and abs(slope) + margin < _SMALL
+    if large and not (balance.impossible and certain):
         text = (
             f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were '
             f'metered, which grow by {slope:.2g} W with each W of it: another unit of torque or '
             'speed (N·cm, mN·m?), or a spring that works beside the motor?'
         )
-        mend = cause_of(slope, OF_TORQUE, card, drive).mend
+        mend = '' if meaning.others else cause_of(slope, OF_TORQUE, card, drive).mend
         return Finding('power_slope', 'warning', drive, text, mend)
+    decided |= told and balance.share > _HINTED and slope > _BEYOND
     hinted = (told or slope > _BEYOND) and balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or usual:
         return None
@@ -170,14 +177,17 @@ def _gear_finding(
     if _USUAL[0] < slope / ratio < _USUAL[1]:
         text += (
             f"gear_ratio {ratio:g}: torque of the motor's shaft, which is not multiplied by it"
-            f'{other}? Multiply it, beside its unit'
+            f'{other}, or position and speed of the joint, said to be at: motor? Multiply the '
+            'torque, beside its unit'
         )
         return Finding('power_units', 'error', drive, text, card.scaled(drive, 'torque', ratio))
-    if (agree or not meaning) and _USUAL[0] < slope * ratio < _USUAL[1]:
+    near = 1 / _NEAR < slope * ratio < _NEAR if meaning else True
+    if (agree or not meaning) and near and _USUAL[0] < slope * ratio < _USUAL[1]:
         cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
         if agree:
             cause = 'torque multiplied by it? Or position and speed, which agree, both at: motor?'
-            mend = f'torque: {{scale: SCALE / {ratio:g}}}'
+            cause += f' Or {meaning}?' if meaning else ''
+            mend = card.scaled(drive, 'torque', 1 / ratio)
         text += f'1 / gear_ratio {ratio:g}: {cause}'
         return Finding('power_units', 'error', drive, text, mend)
     return None
