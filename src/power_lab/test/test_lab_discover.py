@@ -338,6 +338,15 @@ def test_names_of_effects_stay_whole_and_each_has_a_line_at_eighty_columns():
         'torque_loss',
     ]
     assert lines[2].split()[1:] == ['position', 'WHEEL', '1.00', 'W', '4.67–5.05', 'W', '–']
+    both = replace(found, drives=(0, 1), gain=np.array([9.0, 16.0]))
+    outcome.discovery.found = (both,)
+    outcome.transfers = (SimpleNamespace(transfers=True),)
+    outcome.own.prepared.names = ('LEFT', 'RIGHT')
+    text = StringIO()
+    print_discovery(Console(file=text, width=80), outcome)
+    joint, *own = (line.split() for line in text.getvalue().splitlines()[2:])
+    assert joint[1:] == ['position', 'all', f'{both.explains:.2f}', 'W', '4.67–5.05', 'W', 'yes']
+    assert own == [['LEFT', '3.00', 'W'], ['RIGHT', '4.00', 'W']]
 
 
 def test_a_place_in_the_turn_and_a_ripple_are_told_as_a_person_says_them():

@@ -1,6 +1,7 @@
 """The page of a budget."""
 
 import io
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -108,6 +109,7 @@ def _table(account: Account, member: str) -> str:
 
 
 _METERED: Final = '#4D4D4D'
+_GAP, _LABEL = 0.03, 0.09  # of the trunk: between flows, and the height of two lines of text
 
 
 def drawn(budget: Budget) -> Iterator[tuple[str, str, Figure]]:
@@ -172,10 +174,10 @@ def flow(account: Account) -> Figure:
     figure = Figure(figsize=(9, 5.2), layout='constrained')
     axes = figure.subplots()
     axes.axis('off')
-    trunk, gap = 1.0, 0.03 * total
+    trunk, ends = 1.0, [0.0, total]
     for side, flows in ((-1.0, sources), (1.0, sinks)):
-        level, at = 0.0, -0.5 * gap * (len(flows) - 1)
-        for name, value in flows.items():
+        level, places = 0.0, spread(list(flows.values()), total)
+        for (name, value), at in zip(flows.items(), places, strict=True):
             words, colour, _ = FAMILIES.get(name, ('metered at the supply', _METERED, ()))
             far = side * 3.0
             _ribbon(axes, (side * trunk * 0.25, level), (far, at), value, colour)
@@ -183,11 +185,21 @@ def flow(account: Account) -> Figure:
             text, place = f'{words}\n{value:.1f} W{share}', (far + 0.06 * side, at + 0.5 * value)
             aligned = 'left' if side > 0 else 'right'
             axes.text(*place, text, ha=aligned, va='center', fontsize=9)
-            level, at = level + value, at + value + gap
+            level, ends = level + value, [*ends, at, at + max(value, _LABEL * total)]
     axes.add_patch(Rectangle((-0.25, 0.0), 0.5, total, color=_METERED, alpha=0.85, lw=0))
     axes.set_xlim(-5.2, 5.2)
-    axes.set_ylim(total + 0.6 * gap * len(sinks), -0.6 * gap * len(sinks))
+    axes.set_ylim(max(ends) + 0.02 * total, min(ends) - 0.02 * total)
     return figure
+
+
+def spread(values: list[float], total: float) -> list[float]:
+    """Return where flows begin that fan out from a trunk, their labels apart from each other."""
+    at = [0.0]
+    for value, after in itertools.pairwise(values):
+        apart = max(value + _GAP * total, _LABEL * total + 0.5 * (value - after))
+        at.append(at[-1] + apart)
+    middle = 0.5 * (at[-1] + values[-1]) if values else 0.0
+    return [each - middle + 0.5 * total for each in at]
 
 
 def efficiency(found: EfficiencyMap) -> Figure:

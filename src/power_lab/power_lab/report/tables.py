@@ -214,12 +214,15 @@ def print_discovery(console: Console, outcome: DiscoveryOutcome) -> None:
     for one, transfer in zip(outcome.discovery.found, outcome.transfers, strict=True):
         told = None if transfer is None else transfer.transfers
         word = {None: '–', True: 'yes', False: 'no'}[told]
-        cells = escape(one.name), one.kind, '{:.2f}–{:.2f} W'.format(*one.interval), word
-        for drive in one.drives:
-            name, kind, interval, transfers = cells
-            watts = f'{max(float(one.gain[drive]), 0.0) ** 0.5:.2f} W'
-            table.add_row(name, kind, escape(printable(names[drive])), watts, interval, transfers)
-            cells = ('',) * 4
+        own = [
+            (escape(printable(names[d])), max(float(one.gain[d]), 0.0) ** 0.5) for d in one.drives
+        ]
+        rows = own if len(own) == 1 else [('all', one.explains), *own]
+        interval = '{:.2f}–{:.2f} W'.format(*one.interval)
+        for place, (drive, watts) in enumerate(rows):
+            shown = ('',) * 4 if place else (escape(one.name), one.kind, interval, word)
+            name, kind, *rest = shown
+            table.add_row(name, kind, drive, f'{watts:.2f} W', *rest)
     console.print(table)
     for one in outcome.discovery.found:
         if one.formula is not None:

@@ -170,7 +170,7 @@ function levers() {
   const sorted = found.levers.filter((one) => one.interval[0] || one.interval[1]).sort((a, b) => a.mean_w - b.mean_w);
   const idle = found.levers.filter((one) => !sorted.includes(one)).map((one) => changed(one.change));
   fill(parts.levers, h('h3', {}, 'What would change it'), sorted.length ? h('table', {},
-    h('caption', {}, 'Of the mean power, at the same motion of the joints, with 90 % intervals; to the left saves. The weight is the robot\'s own, too'),
+    h('caption', {}, 'Of the mean power, at the same motion of the joints, with 90 % intervals; to the left saves. Weight to carry is that of robot and load'),
     h('tbody', {}, sorted.map((one) => { const shown = whisker(one.mean_w, one.interval, range, 'W'); return h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', { class: 'number faint wide-only' }, shown.title), h('td', {}, shown)); }))) : null,
   idle.length ? h('p', { class: 'faint' }, `Nothing by this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
 }
