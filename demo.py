@@ -21,6 +21,7 @@ from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 
+from power_estimator.judge.result import over_meters
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_program
@@ -224,7 +225,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         soft_wrap=True,
     )
     if errors:
-        demo.console.print('\nerror of the model of step 7 on another walk, W rms')
+        demo.console.print('\nerror of the model of step 7 on another walk, W rms of a drive')
         demo.console.print(falling(errors))
 
 
@@ -273,7 +274,8 @@ def hidden_effect(demo: Demo, seed: int) -> tuple[Path | None, dict[str, float]]
         page = ('--json', told, '--report', demo.output / 'compare.html')
         demo.run('power_lab', 'compare', other, '--models', *models.values(), *page)
         judged = json.loads(told.read_text(encoding='utf-8'))['models']
-        rms = [one['total']['rmse_w'] for one in judged[: len(models)]]
+        drives = [one['drives'].values() for one in judged[: len(models)]]
+        rms = [over_meters(drive['rmse_w'] for drive in own) for own in drives]
         errors = dict(zip(models, rms, strict=True))
     demo.run('power_lab', 'reveal', riddle, '--diagnosis', why)
     return ([*models.values()][-1] if len(models) > 1 else None), errors

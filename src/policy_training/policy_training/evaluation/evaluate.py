@@ -85,10 +85,11 @@ def _change(part: str, entry: Mapping[str, Any], first: Mapping[str, Any]) -> st
     change = 100.0 * (value - reference) / np.abs(reference)
     ends = [one.get('power_interval_w', {}).get(part) for one in (entry, first)]
     if None in ends:
-        return f'{change:+.0f} %'
+        return f'{round(change):+d} %'
     own, other = (0.5 * (high - low) for low, high in ends)
     half = 100.0 * float(np.hypot(own, other * value / reference)) / np.abs(reference)
-    return f'{change:+.0f} % ({change - half:+.0f} … {change + half:+.0f})'
+    low, high = round(change - half), round(change + half)
+    return f'{round(change):+d} % ({low:+d} … {high:+d})'
 
 
 _WALKING: Final = 0.05  # m/s, slower has no cost of transport
