@@ -16,7 +16,7 @@ from power_lab.budget.levers import Lever, carried_over, parse_changes
 from power_lab.budget.tables import headline
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
 from power_lab.commands.arguments import budget as budget_command
-from power_lab.report.budget_page import spread
+from power_lab.report.budget_page import fanned
 from wattwalk_core.errors import InputError
 
 from power_lab import Session
@@ -178,7 +178,7 @@ def test_what_the_joints_give_back_is_negative_and_apart_from_their_work(found):
 
 def test_labels_of_small_flows_do_not_meet():
     values = [70.0, 1.0, 2.0, 1.0, 20.0]
-    begins = spread(values, sum(values))
+    begins = fanned(values, sum(values))
     centres = np.add(begins, 0.5 * np.array(values))
     assert np.diff(centres).min() >= 0.09 * sum(values) - 1e-9
     assert begins[0] + begins[-1] + values[-1] == pytest.approx(sum(values))  # about the middle

@@ -345,7 +345,7 @@ def test_names_of_effects_stay_whole_and_each_has_a_line_at_eighty_columns():
     text = StringIO()
     print_discovery(Console(file=text, width=80), outcome)
     joint, *own = (line.split() for line in text.getvalue().splitlines()[2:])
-    assert joint[1:] == ['position', 'all', f'{both.explains:.2f}', 'W', '4.67–5.05', 'W', 'yes']
+    assert joint[1:] == ['position', 'rms', 'of', 'all', '3.54', 'W', '4.67–5.05', 'W', 'yes']
     assert own == [['LEFT', '3.00', 'W'], ['RIGHT', '4.00', 'W']]
 
 

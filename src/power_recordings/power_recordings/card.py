@@ -102,12 +102,17 @@ class Card:
         return f'{quantity}: {{scale: {size:.4g}}}'
 
     def metered(self, drive: str) -> str:
-        """Return what a drive's imported power is known by, `current` or `power`; '': of all."""
-        return next(iter(self._noted('positive', drive) or {'current': 'drawn'}))
+        """Return what a drive's power is known by: `current`, `power`, or '' of an efficiency.
+
+        drive: '' for the supply.
+        """
+        noted = self._noted('positive', drive)
+        known = ('current', 'power')
+        return 'current' if noted is None else next((q for q in known if q in noted), '')
 
     def turned_meter(self, drive: str) -> str:
         """Return the line of an import map that turns the sign of a drive's meter; '': of all."""
-        quantity = self.metered(drive)
+        quantity = self.metered(drive) or 'current'
         sign = (self._noted('positive', drive) or {}).get(quantity)
         line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'
         return line if drive else f'supply: {{{line}}}'

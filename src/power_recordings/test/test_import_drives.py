@@ -224,3 +224,47 @@ def test_speeds_of_a_like_name_have_one_unit(tmp_path, capsys):
         columns[f'{name}_p_dc'] = watts
     found, _ = listed(tmp_path, capsys, columns)
     assert {own['velocity']['unit'] for own in found['drives'].values()} == {'rad/s'}
+
+
+@pytest.mark.parametrize(('wheel', 'unit'), [(1.0, 'rad/s'), (60 / 2 / np.pi, 'rpm')])
+def test_a_speed_that_its_own_power_tells_keeps_its_unit(tmp_path, capsys, wheel, unit):
+    columns = {}
+    for name, size in (('shoulder', 1.0), ('elbow', 1.0), ('wheel', wheel)):
+        columns |= {f'{name}_vel': size * SPEED, f'{name}_torque': TORQUE, f'{name}_p_dc': WATTS}
+    found, _ = listed(tmp_path, capsys, columns)
+    units = {drive: own['velocity']['unit'] for drive, own in found['drives'].items()}
+    assert units == {'SHOULDER': 'rad/s', 'ELBOW': 'rad/s', 'WHEEL': unit}
+
+
+@pytest.mark.parametrize(
+    'pair',
+    ['knee_raw knee_filt', 'motor_actual motor_filtered', 'test_dut test_load'],
+)
+def test_two_kinds_of_one_drives_signals_are_no_drives(tmp_path, capsys, pair):
+    values = {
+        'pos': ANGLE,
+        'vel': SPEED,
+        'torque': TORQUE,
+        'current': WATTS / 48,
+        'voltage': 48 + 0 * T,
+    }
+    columns = {f'{kind}_{what}': own for kind in pair.split() for what, own in values.items()}
+    found, _ = listed(tmp_path, capsys, columns)
+    assert len(found['drives']) == 1
+
+
+def test_a_drive_of_one_word_stands_beside_those_of_two(tmp_path, capsys):
+    joints = ['left_hip', 'left_knee', 'right_hip', 'right_knee', 'waist']
+    values = {'pos': ANGLE, 'vel': SPEED, 'torque': TORQUE, 'power': WATTS}
+    for form in ('{0}_{1}', '{1}_{0}'):
+        names = {form.format(joint, what): own for joint in joints for what, own in values.items()}
+        found, _ = listed(tmp_path, capsys, names)
+        assert set(found['drives']) == {joint.upper() for joint in joints}
+
+
+def test_an_efficiency_called_eff_is_no_torque_and_a_shafts_pwr_no_meter(tmp_path, capsys):
+    columns = {'rpm': 60 / 2 / np.pi * SPEED, 'motor_eff': 0.9 + 0 * T + 0.01 * ANGLE}
+    found, _ = listed(tmp_path, capsys, columns | {'mech_pwr': TORQUE * SPEED, 'dc_pwr': WATTS})
+    (own,) = found['drives'].values()
+    assert 'torque' not in own
+    assert own['power']['from'] == 'dc_pwr'

@@ -85,11 +85,15 @@ def _change(part: str, entry: Mapping[str, Any], first: Mapping[str, Any]) -> st
     change = 100.0 * (value - reference) / np.abs(reference)
     ends = [one.get('power_interval_w', {}).get(part) for one in (entry, first)]
     if None in ends:
-        return f'{round(change):+d} %'
+        return f'{_whole(change)} %'
     own, other = (0.5 * (high - low) for low, high in ends)
     half = 100.0 * float(np.hypot(own, other * value / reference)) / np.abs(reference)
-    low, high = round(change - half), round(change + half)
-    return f'{round(change):+d} % ({low:+d} … {high:+d})'
+    return f'{_whole(change)} % ({_whole(change - half)} … {_whole(change + half)})'
+
+
+def _whole(percent: float) -> str:
+    """A signed whole number, never −0."""
+    return f'{np.round(percent) + 0.0:+.0f}'
 
 
 _WALKING: Final = 0.05  # m/s, slower has no cost of transport

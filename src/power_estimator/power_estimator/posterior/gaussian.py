@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
 from wattwalk_core.arrays import Bools, Floats
 
 _HELD = 1e-5  # spread of a coefficient that is held at 0
 _SWEEPS, _WARMING = 240, 40
-_FAR = 6.0  # standard deviations
 
 
 @dataclass(frozen=True)
@@ -275,10 +274,9 @@ def _between(low: float, high: float, random: np.random.Generator) -> float:
     if low > 0.0 or high < 0.0:
         side = 1.0 if low > 0.0 else -1.0
         near, far = (low, high) if low > 0.0 else (-high, -low)
-        if near > _FAR:  # the tail is all but exponential
-            most = -np.expm1(near * (near - far))
-            return side * min(near - float(np.log1p(-most * random.random())) / near, far)
-        upper, lower = ndtr(-near), ndtr(-far)
-        return -side * float(ndtri(lower + (upper - lower) * random.random()))
+        beyond = float(log_ndtr(-near))
+        up_to_far = -np.expm1(float(log_ndtr(-far)) - beyond)  # of what is beyond the near end
+        kept = beyond + float(np.log1p(-up_to_far * (1.0 - random.random())))
+        return -side * min(max(float(ndtri_exp(kept)), -far), -near)
     below, above = ndtr(low), ndtr(high)
     return float(np.clip(ndtri(below + (above - below) * random.random()), low, high))

@@ -256,23 +256,26 @@ def _scales(
 ) -> Mapping[str, float]:
     """Probability that each scale is off, over the best set and those that may be in its place.
 
-    Sets with one effect more count, too: a scale stands in for an effect that is not named.
+    Sets with one effect more count, too: a scale may stand in for an effect that is not named.
     """
-    sets = {other.chosen: one.probability(other) for one in in_set for other in one.stand_ins}
-    apart = search.names_of(chosen).union(*map(search.names_of, sets))
+    by_set = {other.chosen: one.probability(other) for one in in_set for other in one.stand_ins}
+    instead = {
+        (search.names[o.effect], one.probability(o)) for one in in_set for o in one.stand_ins
+    }
     places = {active.key: i for i, active in enumerate(search.actives)}
-    sets |= {
-        (*chosen, places[one.active.key]): one.probability
-        for one in candidates
-        if one.active.name not in apart
+    by_set |= {
+        (*chosen, places[candidate.active.key]): candidate.probability
+        for candidate in candidates
+        if candidate.active.name not in search.names_of(chosen)
+        if (candidate.active.name, candidate.probability) not in instead
     }
     weights, found = [1.0], [_scales_of(search, meters)]
-    for each, probability in sets.items():
+    for each, probability in by_set.items():
         if probability >= _WEIGHS:
             own = [search.actives[i] for i in each]
             fitted = zip(search.meters, search.at(each), strict=True)
             summaries = [summarised(m, own, search.known, f.point) for m, f in fitted]
-            weights.append(probability / (1.0 - probability))
+            weights.append(probability / max(1.0 - probability, _RESOLVED))
             found.append(_scales_of(search, summaries))
     return {
         name: float(np.average([own[name] for own in found], weights=weights)) for name in SCALES

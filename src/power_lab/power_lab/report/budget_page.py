@@ -109,7 +109,7 @@ def _table(account: Account, member: str) -> str:
 
 
 _METERED: Final = '#4D4D4D'
-_GAP, _LABEL = 0.03, 0.09  # of the trunk: between flows, and the height of two lines of text
+_GAP, _LABEL = 0.03, 0.09  # of the trunk: between flows; two lines of text
 
 
 def drawn(budget: Budget) -> Iterator[tuple[str, str, Figure]]:
@@ -176,7 +176,7 @@ def flow(account: Account) -> Figure:
     axes.axis('off')
     trunk, ends = 1.0, [0.0, total]
     for side, flows in ((-1.0, sources), (1.0, sinks)):
-        level, places = 0.0, spread(list(flows.values()), total)
+        level, places = 0.0, fanned(list(flows.values()), total)
         for (name, value), at in zip(flows.items(), places, strict=True):
             words, colour, _ = FAMILIES.get(name, ('metered at the supply', _METERED, ()))
             far = side * 3.0
@@ -185,14 +185,15 @@ def flow(account: Account) -> Figure:
             text, place = f'{words}\n{value:.1f} W{share}', (far + 0.06 * side, at + 0.5 * value)
             aligned = 'left' if side > 0 else 'right'
             axes.text(*place, text, ha=aligned, va='center', fontsize=9)
-            level, ends = level + value, [*ends, at, at + max(value, _LABEL * total)]
+            half = 0.5 * max(value, _LABEL * total)
+            level, ends = level + value, [*ends, place[1] - half, place[1] + half]
     axes.add_patch(Rectangle((-0.25, 0.0), 0.5, total, color=_METERED, alpha=0.85, lw=0))
     axes.set_xlim(-5.2, 5.2)
     axes.set_ylim(max(ends) + 0.02 * total, min(ends) - 0.02 * total)
     return figure
 
 
-def spread(values: list[float], total: float) -> list[float]:
+def fanned(values: list[float], total: float) -> list[float]:
     """Return where flows begin that fan out from a trunk, their labels apart from each other."""
     at = [0.0]
     for value, after in itertools.pairwise(values):

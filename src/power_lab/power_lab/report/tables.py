@@ -217,12 +217,11 @@ def print_discovery(console: Console, outcome: DiscoveryOutcome) -> None:
         own = [
             (escape(printable(names[d])), max(float(one.gain[d]), 0.0) ** 0.5) for d in one.drives
         ]
-        rows = own if len(own) == 1 else [('all', one.explains), *own]
+        rows = own if len(own) == 1 else [('rms of all', one.explains), *own]
         interval = '{:.2f}–{:.2f} W'.format(*one.interval)
-        for place, (drive, watts) in enumerate(rows):
+        for place, (who, watts) in enumerate(rows):
             shown = ('',) * 4 if place else (escape(one.name), one.kind, interval, word)
-            name, kind, *rest = shown
-            table.add_row(name, kind, drive, f'{watts:.2f} W', *rest)
+            table.add_row(*shown[:2], who, f'{watts:.2f} W', *shown[2:])
     console.print(table)
     for one in outcome.discovery.found:
         if one.formula is not None:

@@ -24,6 +24,7 @@ ALONG_GROUND: Final = r'(?<![a-z])(km/?h|kph|mph|m[/_]s)[\])]?$'
 """Units of a speed that is none of a shaft, in lower case."""
 _ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
 _DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
+_WATTS = r'(power|watt|pwr)'
 _AT = r'(dc|zk|bus|in|sup\w*|batt?)'  # behind a symbol of what a supply gives
 _ELECTRONICS = (
     r'(esc|fets?|mos(fets?)?|igbt|driver|inverter|controller|mcu|cpu|pcb|board|module|heatsink)'
@@ -48,7 +49,7 @@ _RULES: Final = (
         rf'(^|_)({_OTHER})(_|$)|differ|_per_'
         r'|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt|measured)|(^|_)[iuv]_?d(_|$)'
         r'|(^|_)(q|phase)_(axis_)?volt|(^|_)[uv]_?q(_|$)'
-        r'|(^|_)(mech|out|shaft)\w*_(power|watt)|(power|watt)\w*_(mech|out|shaft)'
+        rf'|(^|_)(mech|out|shaft)\w*_{_WATTS}|{_WATTS}\w*_(mech|out|shaft|good)'
         r'|(^|_)p_?(m|mech\w*|out|shaft)(_|$)',
     ),
     ('efficiency', r'(total|system|overall|drive)_.*(effic|(^|_)eta(_|$))'),
@@ -61,7 +62,7 @@ _RULES: Final = (
     ('supply_voltage', r'robot.*volt'),
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
-    ('supply_power', rf'{_ROBOT}.*(power|watt)'),
+    ('supply_power', rf'{_ROBOT}.*{_WATTS}'),
     ('temperature', r'(^|_)t_\w*(winding|mot|wdg|wick|stator|coil)(?!.*_(in|out)$)'),
     (
         'temperature',
@@ -80,7 +81,7 @@ _RULES: Final = (
     ),
     (
         'power',
-        r'(power|watt).*_(el\w*|dc|in)(_|$)|(el|dc|in)\w*_(power|watt)'
+        rf'{_WATTS}.*_(el\w*|dc|in)(_|$)|(el|dc|in)\w*_{_WATTS}'
         rf'|(^|_)p_?(el\w*|{_AT})(_|$)',
     ),
     ('torque', r'(load_?cell|sensor|transducer).*torque|torque.*(load_?cell|sensor|transducer)'),
@@ -94,13 +95,12 @@ _RULES: Final = (
     ('winding', r'(^|_)i_?rms(_|$)'),
     ('voltage', r'volt|(^|_)[uv](_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
-    ('power', r'power|watt|(^|_)pwr(_|$)'),
+    ('power', _WATTS),
     ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
     ('position', r'(pos|angle|theta|(^|_)q(_|$)|^phi(_|$))'),
     ('torque', r'^m(_|$)'),
     ('velocity', r'^n(_[a-z]+)?$|(^|_)rate(_|$)'),
     ('position', r'(^|_)(ang|enc|encoder)(_|$)'),
-    ('torque', r'_eff$'),  # effort, as joint states have it
 )
 _LETTER_P: Final = r'(?<![A-Za-z])P(?![A-Za-z])'  # a power beside q, dq and tau of its drive
 _TIMED: Final = r'_t(_(s|ms|us|ns))?$'  # behind a group's name, of a column that rises
@@ -116,7 +116,8 @@ _SIDES: Final = (
 )
 """Words that tell sides of a drive, or kinds of a signal, apart."""
 _NO_DRIVE: Final = rf'(?!.$)({_SIDES})|load|brake|dyno|ref\w*|set\w*'  # a letter may be one
-_BUT_LAST: Final = slice(0, -1)
+_BUT_LAST: Final = slice(0, -1)  # of the words in a name
+_BUT_FIRST: Final = slice(1, None)
 _SECOND: Final = slice(1, 2)
 _NEGATIVE: Final = 0.1  # of the highest, below 0: no offset of a meter
 _ONE: Final = 0.999  # correlation of speeds on one shaft
@@ -220,6 +221,9 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     beside = {re.sub(_LETTER_P, symbol, column.address) for symbol in ('q', 'dq', 'tau', 'M')}
     if column.address not in beside and len(beside & names) > 2:
         name = 'power'
+    of_state = column.address.removesuffix('eff')
+    if of_state != column.address and {f'{of_state}pos', f'{of_state}vel'} <= names:
+        name = 'effort'  # as joint states have it
     bracket = _BRACKETS.search(column.address)
     said = bracket[1] if bracket else ''
     fits = ('velocity',) if said in _OF_NO_SIZE else quantities_of(unit) if unit else ()
@@ -310,10 +314,10 @@ def _by_word(
     """Name drives by words that columns of several quantities share.
 
     By the first or the last: either of motion and of power, or two of motion that are there of
-    another word, too, and go their own way; a letter also of a torque. By all words but the last,
-    or the second, as in `fl_hip_dq` and `hip_l_rate`, bus_l_u: of motion and of power. angles:
-    further columns that tell of it. Beside drives with numbers, those with a torque and a power of
-    their own: J1, J2 and Z.
+    another word, too, and go their own way; a letter also of a torque. By all words but the last
+    or the first, or by the second, as in `fl_hip_dq` and `hip_l_rate`, `bus_l_u`: of motion and of
+    power. angles: further columns that tell of it. Beside drives with numbers, those with a torque
+    and a power of their own: J1, J2 and Z.
     """
     if any(c.drive for c in found):
         return _beside_numbers(found)
@@ -322,10 +326,10 @@ def _by_word(
         len(n) > 1 for n in names.values()
     ):
         names = {address: name[1:] for address, name in names.items()}  # a group that holds all
-    for place in (_BUT_LAST, slice(0, 1), slice(-1, None), _SECOND):
-        inner = place in (_BUT_LAST, _SECOND)
+    for place in (_BUT_LAST, _BUT_FIRST, slice(0, 1), slice(-1, None), _SECOND):
+        inner = place in (_BUT_LAST, _BUT_FIRST, _SECOND)
         own_of = {
-            address: '' if inner and len(name) < 3 else '_'.join(name[place])
+            address: '' if place == _SECOND and len(name) < 3 else '_'.join(name[place])
             for address, name in names.items()
         }
         kinds: dict[str, set[str]] = defaultdict(set)
@@ -347,8 +351,10 @@ def _by_word(
             or (len(several[word]) > 1 and not re.fullmatch(_SIDES, word))
             or ('torque' in several[word] and re.fullmatch('[abcxyz]', word))
         } - {''}
+        ends = {word: word.split('_')[-1] for word in drives}
+        drives -= {word for word in drives if inner and re.fullmatch(_NO_DRIVE, ends[word])}
         firsts = {word.split('_')[0] for word in drives}
-        if len(drives) > (len(firsts) if place == _BUT_LAST else 1):
+        if len(drives) > (len(firsts) if inner and place != _SECOND else 1):
             return [
                 replace(c, drive=word.upper()) if word in drives else c
                 for c in found

@@ -57,26 +57,29 @@ class MeterColumns:
 class Choice:
     """The torque, speed and power columns that fit together best.
 
-    turned: the one whose sign is to be inverted, '' if none. why: the reason, for the map.
+    slope: W of power for a W of torque × speed, as large. turned: the one whose sign is to be
+    inverted, '' if none. why: the reason, for the map.
     """
 
     torque: CandidateColumn
     velocity: CandidateColumn
     speed_unit: str
     meter: MeterColumns
+    slope: float
     turned: Turned
     why: str
     score: float  # R², less for each place in the lists
 
     def with_unit_of(self, best: 'Choice | None') -> 'Choice':
-        """Return the choice with the unit of another drive's speed, if its name is alike."""
-        own = words(self.velocity.address).split('_')[-1]
-        if (
-            best is None
-            or self.velocity.unit
-            or self.speed_unit == best.speed_unit
-            or own != words(best.velocity.address).split('_')[-1]
-        ):
+        """Return the choice with the unit of another drive's speed of a like name.
+
+        Losses make a slope large, and never as small as that of a unit which is too small.
+        """
+        if best is None or self.velocity.unit or self.speed_unit == best.speed_unit:
+            return self
+        own, other = (words(one.velocity.address).split('_')[-1] for one in (self, best))
+        sizes = [conversion(one.speed_unit, 'velocity').factor for one in (self, best)]
+        if own != other or self.slope * sizes[0] / sizes[1] < _LEAST:
             return self
         why = f'as {printable(best.velocity.address)}, where {best.why}'
         return replace(self, speed_unit=best.speed_unit, why=why)
@@ -123,7 +126,8 @@ def choose(found: ByQuantity) -> Choice | None:
             if best is None or score > best.score:
                 watts = f'{abs(fit.slope):.2f} W of it for each W'
                 why = f'torque × speed explains the power, {watts}'
-                best = Choice(torque, speed, unit, meter, fit.turned, why, score)
+                slope = abs(fit.slope)
+                best = Choice(torque, speed, unit, meter, slope, fit.turned, why, score)
     return best
 
 

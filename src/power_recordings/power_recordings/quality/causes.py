@@ -27,10 +27,10 @@ _SPOKEN: Final = {
     'deg': 'degrees',
     'us': 'µs',
 }
-_TOLERANCE: Final = 0.12
+TOLERANCE: Final = 0.12  # of a slope, from which units that make it may differ
 _WIDE: Final = 1.6  # times by which losses may take a slope off that of torque or current
 _CHOSEN: Final = 0.03  # of a slope, for a unit other than that of a recording
-_LOSSY: Final = (('torque',), ('current',))
+_LOSSY: Final = (('torque',), ('current',), ('power',))
 
 # Quantities that are wrong alone or together, each with its exponent in a slope.
 Causes = Sequence[Mapping[str, int]]
@@ -50,6 +50,7 @@ OF_POWER: Final[Mapping[str, Causes]] = {
         {'current': -1, 'voltage': -1},
     ),
     'power': ({'velocity': 1}, *OF_TORQUE, {'power': -1}, {'velocity': 1, 'torque': 1}),
+    '': ({'velocity': 1}, *OF_TORQUE, {'velocity': 1, 'torque': 1}),
 }
 """By what the power is known by."""
 
@@ -84,7 +85,11 @@ class Cause:
         return '' if self.others else ', '.join(entries)
 
     def with_position(self, card: Card, drive: str) -> 'Cause':
-        """Return the cause where speed is the rate of the position, which is then as wrong."""
+        """Return the cause with the position's unit beside that of a speed that is its rate.
+
+        The position is then as wrong as the speed; where no unit of it is, other causes are left.
+        An import that has no column for the speed states the position's unit alone.
+        """
         speed = self.units.get('velocity')
         if speed is None:
             return self
@@ -94,8 +99,10 @@ class Cause:
         off = UNITS['velocity'][speed] / UNITS['velocity'].get(stated['velocity'], np.nan)
         for unit, size in UNITS['position'].items():
             if np.isclose(size / UNITS['position'].get(stated['position'], np.nan), off):
-                return Cause({'position': unit, **self.units}, self.others)
-        return Cause({})
+                of_rate = drive in card.derived_velocity
+                both = {'position': unit} | ({} if of_rate else dict(self.units))
+                return Cause(both, self.others)
+        return Cause(self.others[0], self.others[1:]) if self.others else Cause({})
 
 
 def cause_of(slope: float, causes: Causes, card: Card, drive: str) -> Cause:
@@ -115,7 +122,7 @@ def cause_of(slope: float, causes: Causes, card: Card, drive: str) -> Cause:
                 size = UNITS[quantity].get(stated, np.nan) if stated != unit else np.nan
                 factor *= (UNITS[quantity][unit] / size) ** exponent
             off = abs(np.log(max(slope, 1e-12) / factor))
-            limit = np.log(_WIDE if tuple(exponents) in _LOSSY else 1 + _TOLERANCE)
+            limit = np.log(_WIDE if tuple(exponents) in _LOSSY else 1 + TOLERANCE)
             own = dict(zip(exponents, units, strict=True))
             if off < limit and off + chosen < nearest - 1e-9:
                 best, nearest = Cause(own), off + chosen

@@ -166,7 +166,8 @@ class _Checker:
         slope = self._velocity(name, time, position, velocity)
         known = len(time) > 0 and rate >= LEAST_UPDATES
         motion = (time, torque, velocity)
-        balance = self._power(name, power, motion, slope == slope) if known else None
+        agree = slope == slope or name in self._recording.card.derived_velocity
+        balance = self._power(name, power, motion, agree) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -213,16 +214,19 @@ class _Checker:
         if electric is None or name not in electric.names or len(electric) < _FEWEST:
             return np.nan, np.full(len(time), np.nan)
         column = electric.names.index(name)
+        power = electric.power[:, column]
+        metered = self._recording.card.metered(name) or 'power'
         for quantity, most in _MOST.items():
             values = getattr(electric, quantity)[:, column]
             largest = float(np.nanmax(np.abs(values), initial=0.0))
             if largest > most:
-                unit = quantity[0].upper().replace('C', 'A')
+                if (quantity, metered) == ('current', 'power'):
+                    quantity, largest = metered, float(np.nanmax(np.abs(power)))
+                unit = {'voltage': 'V', 'current': 'A', 'power': 'W'}[quantity]
                 given = self._recording.card.unit_of(name, quantity) == f'm{unit}'
                 text = f'{quantity} reaches {largest:.4g} {unit}: ' + ('µ' if given else 'm')
                 mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
                 self._find('units', 'error', name, f'{text}{unit}?', mend)
-        power = electric.power[:, column]
         volts = constant_voltage(name, electric.voltage[:, column])
         if volts is not None and not self._recording.card.lacks(name, 'current'):
             self.findings.append(volts)
@@ -230,7 +234,9 @@ class _Checker:
         self._slow(rate, name, 'its', ' of a joint')
         share = clipped(electric.current[:, column])
         if share > _CLIPPED:
-            self._find('clipped', 'warning', name, f'current is clipped in {share:.0%} of samples')
+            self._find(
+                'clipped', 'warning', name, f'{metered} is clipped in {share:.0%} of samples'
+            )
         if len(velocity) and self._joints is not None:
             stamps = electric.stamp_ns - self._joints.stamp_ns[0]
             speed = np.interp(stamps / 1e9, time, np.nan_to_num(np.abs(velocity)))

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.card import Card
-from power_recordings.quality.causes import OF_POWER, OF_TORQUE, OF_VELOCITY, Cause, cause_of
+from power_recordings.quality.causes import (
+    OF_POWER,
+    OF_TORQUE,
+    OF_VELOCITY,
+    TOLERANCE,
+    Cause,
+    cause_of,
+)
 from power_recordings.quality.physics import DriveSlopes, ShaftBalance
 from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
@@ -40,12 +47,12 @@ _FED: Final = -0.1  # of the power (rms), losses below which no offset of a mete
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
-_BEYOND: Final = 100.0  # W per W of torque × speed: more than any loss makes
+_BEYOND: Final = 100.0  # W per W of torque × speed: a drive that hardly turns, or another unit,
+_RUBBED: Final = 0.05  # of it, that the heat which friction adds takes off where it is a unit
 _LARGE: Final = 3.0  # times the power, that torque × speed is of units that are likely wrong,
 _SMALL: Final = 0.1  # if power grows by less W with each W of it
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
-_NEAR: Final = 1.12  # times a gear ratio, that units which fit as well are not told before it
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
 _RPM: Final = 2 * np.pi / 60
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
@@ -123,7 +130,8 @@ def power_finding(
         )
         mend = '' if meaning.others else cause_of(slope, OF_TORQUE, card, drive).mend
         return Finding('power_slope', 'warning', drive, text, mend)
-    decided |= told and balance.share > _HINTED and slope > _BEYOND
+    alone = abs(balance.rubbed / slope - 1) < _RUBBED if slope else False
+    decided |= bool(meaning) and told and balance.share > _HINTED and slope > _BEYOND and alone
     hinted = (told or slope > _BEYOND) and balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or usual:
         return None
@@ -181,13 +189,14 @@ def _gear_finding(
             'torque, beside its unit'
         )
         return Finding('power_units', 'error', drive, text, card.scaled(drive, 'torque', ratio))
-    near = 1 / _NEAR < slope * ratio < _NEAR if meaning else True
+    # Units that make the slope come before a gear ratio that only losses bring near it.
+    near = not meaning or abs(np.log(slope * ratio)) < np.log(1 + TOLERANCE)
     if (agree or not meaning) and near and _USUAL[0] < slope * ratio < _USUAL[1]:
         cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
         if agree:
             cause = 'torque multiplied by it? Or position and speed, which agree, both at: motor?'
             cause += f' Or {meaning}?' if meaning else ''
-            mend = card.scaled(drive, 'torque', 1 / ratio)
+            mend = '' if meaning else card.scaled(drive, 'torque', 1 / ratio)
         text += f'1 / gear_ratio {ratio:g}: {cause}'
         return Finding('power_units', 'error', drive, text, mend)
     return None

@@ -18,7 +18,9 @@ from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
-_TURN = 1e-3  # s of Python's lock in turn; at the usual 5 ms, numpy in other threads waits for it
+_TURN = (
+    1e-3  # s that a thread keeps the interpreter's lock; numpy in others waits for the usual 5 ms
+)
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 
@@ -29,7 +31,6 @@ class _Threads:
     def __init__(self) -> None:
         self._lock, self._inside = threading.Lock(), threading.local()
         self._depth, self._before = 0, 1
-        self._turn = sys.getswitchinterval()
         self._limit = ExitStack()
 
     def to_share(self) -> int:
@@ -51,8 +52,9 @@ class _Threads:
             if not self._depth:
                 self._before = _allowed(controller)
                 self._limit.enter_context(controller.limit(limits=1, user_api='blas'))
-                self._turn = sys.getswitchinterval()
-                sys.setswitchinterval(min(_TURN, self._turn))
+                turn = sys.getswitchinterval()
+                self._limit.callback(sys.setswitchinterval, turn)
+                sys.setswitchinterval(min(_TURN, turn))
             self._depth += 1
         try:
             yield
@@ -61,7 +63,6 @@ class _Threads:
                 self._depth -= 1
                 if not self._depth:
                     self._limit.close()
-                    sys.setswitchinterval(self._turn)
 
 
 _THREADS = _Threads()
