@@ -47,8 +47,8 @@ _FED: Final = -0.1  # of the power (rms), losses below which no offset of a mete
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
-_BEYOND: Final = 100.0  # W per W of torque × speed: a drive that hardly turns, or another unit,
-_RUBBED: Final = 0.05  # of it, that the heat which friction adds takes off where it is a unit
+_BEYOND: Final = 100.0  # W per W of torque × speed: another unit, or a drive that hardly turns,
+_RUBBED: Final = 0.05  # in which the heat that friction adds changes the slope by more than this
 _LARGE: Final = 3.0  # times the power, that torque × speed is of units that are likely wrong,
 _SMALL: Final = 0.1  # if power grows by less W with each W of it
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
@@ -114,9 +114,12 @@ def power_finding(
         return Finding('power_units', 'error', drive, f'{text}: {whose} sign is wrong', mend)
     certain = decided and meaning
     if balance.impossible and not certain:
-        cause = meaning if balance.share > _HINTED and meaning else 'units of torque and speed'
+        shown = balance.share > _HINTED and bool(meaning)
+        cause = meaning if shown else 'units of torque and speed'
         text = f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were'
-        return Finding('power_units', 'error', drive, f'{text} metered: {cause}?', mend)
+        return Finding(
+            'power_units', 'error', drive, f'{text} metered: {cause}?', mend if shown else ''
+        )
     mirrored &= balance.rubbed < -_USUAL[0]
     if mirrored or (slope < -2 * margin and balance.share > _HINTED):
         text = f'power falls with torque × speed, {balance}: is a sign wrong?'

@@ -19,7 +19,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 _TURN = (
-    1e-3  # s that a thread keeps the interpreter's lock; numpy in others waits for the usual 5 ms
+    1e-3  # s that a thread keeps the interpreter's lock, of usually 5 ms, for which numpy waits
 )
 Item = TypeVar('Item')
 Result = TypeVar('Result')
