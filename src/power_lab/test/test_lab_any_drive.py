@@ -211,7 +211,7 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     error = capsys.readouterr().err.strip()
     assert '\n' not in error
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
-    assert 'in the map: current: {unit: mA}' in error
+    assert 'power is in mW?; in the map: power: {unit: mW}' in error  # of the map's own signals
     assert fit([*arguments, '--ignore-unit-conflicts']) == 0
     scored = [str(bag), '--models', 'plain']
     assert benchmark(scored) == 2
