@@ -4,14 +4,17 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure, evaluate
+from power_estimator.effects.signals.prepared import WHOLE
 from power_estimator.effects.split import split
 from power_estimator.live.estimator import stream_of
 from power_lab.budget import choice
+from power_lab.budget.account import Account
 from power_lab.budget.levers import Lever, carried_over, parse_changes
 from power_lab.budget.tables import headline
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
@@ -174,6 +177,13 @@ def test_what_the_joints_give_back_is_negative_and_apart_from_their_work(found):
     braking = {s.effect: s for s in found.account.shares('LF_KFE', 'braking')}
     driving = {s.effect: s for s in found.account.shares('LF_KFE', 'driving')}
     assert braking['regeneration'].mean_w < driving['regeneration'].mean_w
+
+
+def test_a_drive_of_no_type_stands_beside_the_types():
+    drives = {name: 1 for name in ('LEFT_HIP', 'LEFT_KNEE', 'RIGHT_HIP', 'RIGHT_KNEE', 'WAIST')}
+    tallies = {n: SimpleNamespace(drives=k) for n, k in (drives | {'HIP': 2, 'KNEE': 2}).items()}
+    account = Account('walk', tallies | {WHOLE: SimpleNamespace(drives=5)}, ('all',))
+    assert account.groups == ['HIP', 'KNEE', 'WAIST']
 
 
 def test_labels_of_small_flows_do_not_meet():

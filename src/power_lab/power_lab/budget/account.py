@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects.signals.prepared import WHOLE
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
@@ -51,6 +52,16 @@ class Account:
     def first(self) -> str:
         """Name of the robot's tally, or of its only drive."""
         return WHOLE if WHOLE in self.tallies else next(iter(self.tallies))
+
+    @property
+    def groups(self) -> list[str]:
+        """Names of drive types, and of drives that are of none."""
+        names = [n for n, tally in self.tallies.items() if n != WHOLE and tally.drives == 1]
+        found: list[str] = []
+        for kind, own in assign(names, infer_types(names)).items():
+            several = kind in self.tallies and self.tallies[kind].drives > 1
+            found += [kind] if several else [names[drive] for drive in own]
+        return found
 
     def shares(self, member: str, phase: str = 'all') -> list[Share]:
         """Shares of a drive, drive type or the robot in a phase, what is unexplained last.

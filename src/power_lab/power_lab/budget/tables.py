@@ -112,11 +112,12 @@ def _of_account(account: Account) -> list[Table]:
     first = account.first
     made = [_parts(account, first)]
     members = [name for name in account.tallies if name != first]
-    types = [name for name in members if account.tallies[name].drives > 1]
+    types = any(account.tallies[name].drives > 1 for name in members)
+    shown = account.groups if types else members
     phases = [p for p in account.phases if account.shares(first, p)]
     of_phase, title = partial(account.shares, first), f'mean power of {first} in W by phase'
     by_drive = f'mean power in W by {"type, of all its drives" if types else "drive"}'
-    made += [_side_by_side(by_drive, some, account.shares) for some in _abreast(types or members)]
+    made += [_side_by_side(by_drive, some, account.shares) for some in _abreast(shown)]
     made += [_side_by_side(title, some, of_phase) for some in _abreast(phases)]
     return made
 

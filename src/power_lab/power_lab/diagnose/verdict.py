@@ -147,11 +147,12 @@ def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
     record = 'record the proposed motion'
     effects = to_add(diagnosis, before, after)
     if diagnosis.verdict == 'named' and effects:
-        return f'Next: `power_lab add {" ".join(effects)}`, then diagnose again.'
+        return f'Next: `ros2 run power_lab add {" ".join(effects)}` …, then diagnose again.'
     if diagnosis.verdict == 'named':
         return f'Next: {record} before adding it; this recording does not bear it out.'
     if effects:
-        return f'Next: `power_lab add {effects[0]}`: with each the held-out error is the same.'
+        add = f'`ros2 run power_lab add {effects[0]}` …'
+        return f'Next: {add}: with each the held-out error is the same.'
     if diagnosis.verdict == 'ambiguous':
         told = 'them apart' if len(diagnosis.effects) > 1 else 'whether it is missing'
         return f'Next: {record}, which tells {told}.'

@@ -115,7 +115,8 @@ _GAP, _LABEL = 0.03, 0.09  # of the trunk: between flows; two lines of text
 def drawn(budget: Budget) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure of each picture the recordings allow; call within `style`."""
     yield 'flow', 'From the supply to where the power ends, W', flow(budget.account)
-    yield 'bars', 'Mean power by drive, W; the mark is what was metered', bars(budget.account)
+    caption = 'Mean power of drives, or of all of a type, W; parts add up to the mark, as metered'
+    yield 'bars', caption, bars(budget.account)
     for one in efficiency_maps(budget):
         caption = f'Efficiency of {one.name} by its model, and states visited'
         yield f'efficiency_{one.name}', caption, efficiency(one)
@@ -138,7 +139,7 @@ def bars(account: Account) -> Figure:
     """Stacked bars of power by drive or drive type: losses to the right, returned power left."""
     members = [name for name in account.tallies if name != WHOLE] or [account.first]
     if WHOLE in account.tallies and len(members) > 4:
-        members = [n for n in members if account.tallies[n].drives > 1] or members
+        members = account.groups
     figure = Figure(figsize=(9, 1.6 + 0.5 * len(members)), layout='constrained')
     axes = figure.subplots()
     ends = {-1.0: np.zeros(len(members)), 1.0: np.zeros(len(members))}
@@ -242,7 +243,7 @@ def gait(cycle: GaitCyclePower) -> Figure:
     axes.axvspan(0.0, cycle.stance, ymax=0.03, color='#1a1a1a', lw=0)
     place = axes.get_xaxis_transform()
     text = 'foot on the ground until here'
-    axes.text(cycle.stance + 1.0, 0.005, text, transform=place, fontsize=9)
+    axes.text(cycle.stance + 1.0, 0.015, text, transform=place, fontsize=9)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel('gait cycle [%]')
     axes.set_ylabel('power of one leg [W]')
