@@ -60,6 +60,13 @@ class Session:
         known = catalogue or load_catalogue([Path(file) for file in effects_path])
         return cls(Judge(load(paths, **how), known, settings))
 
+    def __str__(self) -> str:
+        known = 'no model yet' if self.given is None else self.given.name
+        if isinstance(self.given, EffectModel):
+            known = ', '.join(self.given.effects)
+        names = ', '.join(one['name'] for one in self.recordings.identities)
+        return f'{names}: {known}'
+
     @property
     def recordings(self) -> Loaded:
         """Recordings that models are judged on."""

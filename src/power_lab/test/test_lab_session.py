@@ -44,6 +44,8 @@ def test_each_step_returns_another_session_and_leaves_the_one_before(lab):
     before = lab.effects
     better = lab.add('load_friction')
     assert lab.effects is before
+    assert str(lab) == 'walk_small: shaft, copper_loss, idle'
+    assert str(Session(lab.judge)) == 'walk_small: no model yet'
     assert better.effects.effects == ('shaft', 'copper_loss', 'idle', 'load_friction')
     assert better.score.rms_w < lab.score.rms_w
     less = better.remove('load_friction')

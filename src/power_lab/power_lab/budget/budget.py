@@ -104,6 +104,9 @@ class Budget:
                     )
         return tuple(found)
 
+    def __str__(self) -> str:
+        return self.table()
+
     def table(self) -> str:
         """Return the budget as text tables, 100 columns wide."""
         return tables(
