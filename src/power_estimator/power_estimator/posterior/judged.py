@@ -187,14 +187,11 @@ def _candidates(
 ) -> tuple[JudgedEffect, ...]:
     """Effects of the set, and all others beside it or in the place of one of them."""
     found: list[tuple[int, Floats, float]] = []
-    instead: dict[str, float] = {}
+    instead = _instead(search, in_set)
     for one in in_set:
         name = search.names[one.place]
         levels = [np.quantile(own.explains[name], [0.025, 0.5, 0.975]) for own in meters]
         found.append((one.place, _rms_levels(levels), float(expit(one.log_odds))))
-        for other in one.stand_ins:
-            own = search.names[other.effect]
-            instead[own] = max(instead.get(own, 0.0), one.probability(other))
     misses = sum(explains[1] ** 2 for _, explains, _ in found) + left**2
     sizes = np.array([max(meters[d].discrepancy_w, 1e-12) for d in search.searched])
     for name, beside in all_beside(search, chosen).items():
@@ -214,6 +211,16 @@ def _candidates(
         for place, explains, probability in found
     ]
     return _in_order(out)
+
+
+def _instead(search: EffectSearch, in_set: Sequence[InSet]) -> Mapping[str, float]:
+    """Probability by name of each effect that may be in the place of one of the best set."""
+    found: dict[str, float] = {}
+    for one in in_set:
+        for other in one.stand_ins:
+            name = search.names[other.effect]
+            found[name] = max(found.get(name, 0.0), one.probability(other))
+    return found
 
 
 def _in_order(candidates: Sequence[JudgedEffect]) -> tuple[JudgedEffect, ...]:
@@ -259,15 +266,13 @@ def _scales(
     Sets with one effect more count, too: a scale may stand in for an effect that is not named.
     """
     by_set = {other.chosen: one.probability(other) for one in in_set for other in one.stand_ins}
-    instead = {
-        (search.names[o.effect], one.probability(o)) for one in in_set for o in one.stand_ins
-    }
+    instead = _instead(search, in_set)
     places = {active.key: i for i, active in enumerate(search.actives)}
     by_set |= {
         (*chosen, places[candidate.active.key]): candidate.probability
         for candidate in candidates
         if candidate.active.name not in search.names_of(chosen)
-        if (candidate.active.name, candidate.probability) not in instead
+        if candidate.probability > instead.get(candidate.active.name, 0.0)
     }
     weights, found = [1.0], [_scales_of(search, meters)]
     for each, probability in by_set.items():

@@ -351,8 +351,8 @@ def _by_word(
             or (len(several[word]) > 1 and not re.fullmatch(_SIDES, word))
             or ('torque' in several[word] and re.fullmatch('[abcxyz]', word))
         } - {''}
-        ends = {word: word.split('_')[-1] for word in drives}
-        drives -= {word for word in drives if inner and re.fullmatch(_NO_DRIVE, ends[word])}
+        if inner:
+            drives = {w for w in drives if not re.fullmatch(_NO_DRIVE, w.split('_')[-1])}
         firsts = {word.split('_')[0] for word in drives}
         if len(drives) > (len(firsts) if inner and place != _SECOND else 1):
             return [

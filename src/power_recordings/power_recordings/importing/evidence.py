@@ -124,9 +124,8 @@ def choose(found: ByQuantity) -> Choice | None:
                 continue
             score = fit.r2 - _RANK * (i + j + k + n + 2 * bool(fit.turned))
             if best is None or score > best.score:
-                watts = f'{abs(fit.slope):.2f} W of it for each W'
-                why = f'torque × speed explains the power, {watts}'
                 slope = abs(fit.slope)
+                why = f'torque × speed explains the power, {slope:.2f} W of it for each W'
                 best = Choice(torque, speed, unit, meter, slope, fit.turned, why, score)
     return best
 

@@ -133,8 +133,8 @@ def power_finding(
         )
         mend = '' if meaning.others else cause_of(slope, OF_TORQUE, card, drive).mend
         return Finding('power_slope', 'warning', drive, text, mend)
-    alone = abs(balance.rubbed / slope - 1) < _RUBBED if slope else False
-    decided |= bool(meaning) and told and balance.share > _HINTED and slope > _BEYOND and alone
+    beyond = slope > _BEYOND and abs(balance.rubbed / slope - 1) < _RUBBED
+    decided |= bool(meaning) and told and balance.share > _HINTED and beyond
     hinted = (told or slope > _BEYOND) and balance.share > _HINTED and slope > _SCALES[1] + margin
     if not (decided or hinted) or usual:
         return None

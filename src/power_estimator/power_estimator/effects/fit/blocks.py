@@ -18,9 +18,7 @@ from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
-_TURN = (
-    1e-3  # s that a thread keeps the interpreter's lock, of usually 5 ms, for which numpy waits
-)
+_TURN = 1e-3  # s that a thread keeps the interpreter's lock; for the usual 5 ms numpy waits
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 
