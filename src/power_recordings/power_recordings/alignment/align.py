@@ -11,12 +11,13 @@ from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
-from power_recordings.alignment.filters import antialias, centred, smoothing
+from power_recordings.alignment.filters import antialias, centred, quiet_noise, smoothing
 from power_recordings.alignment.signals import RecordedSignals, SignalCollector
 from power_recordings.alignment.stream import Stream, held
 from power_recordings.reading.reader import Recording
 
 _FEWEST = 4
+_NOISE_SECONDS = 60.0  # of white noise: its spread within a few per cent
 
 
 def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
@@ -94,7 +95,7 @@ def align(
             + ''.join(f'; {note}' for note in source.notes)
         )
     notes = tuple(f'{recording.path}: {note}' for note in segments.notes(pieces))
-    return _dataset(source, rate, pieces, notes)
+    return replace(_dataset(source, rate, pieces, notes), noise_hidden=segments.noise_hidden(rate))
 
 
 def load_aligned(
@@ -181,6 +182,7 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
         notes=tuple(note for part in parts for note in part.notes),
         motor_current=_joined(parts, [part.motor_current for part in parts]),
         computed_power=frozenset().union(*(part.computed_power for part in parts)),
+        noise_hidden=max(part.noise_hidden for part in parts),
         **arrays,
     )
 
@@ -248,6 +250,23 @@ class _Segments:
             norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
             result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
         return [result]
+
+    def noise_hidden(self, rate: float) -> float:
+        """Return the factor by which `quiet_noise` at `rate` Hz understates the meter's noise.
+
+        Filters and interpolation to the grid smooth white noise; its density below their
+        passband stays.
+        """
+        meter = self._source.electrics or self._source.others.get('supply')
+        if meter is None:
+            return 1.0
+        count = min(len(meter.time), round(_NOISE_SECONDS / meter.period))
+        time = np.arange(count) * meter.period
+        white = np.random.default_rng(0).normal(size=(count, 1)).astype(np.float32)
+        grid = np.arange(0.0, time[-1], 1 / GRID)
+        seen = centred(Stream.of(time, white).sample(grid), self._taps)[:: self._every, 0]
+        found = quiet_noise([seen[np.isfinite(seen)]], rate)
+        return float(np.sqrt(rate * meter.period) / found) if found > 0 else 1.0
 
     def notes(self, pieces: Sequence[_Piece]) -> list[str]:
         """Return notes on what was left out."""
