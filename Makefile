@@ -11,7 +11,8 @@ ROS := .ros
 ROS_VENV ?= $(ROS)/venv
 ROS_STAMP := $(ROS_VENV)/.installed
 ROS_BUILD := $(abspath $(ROS))
-WORKERS ?= 2
+# On two cores a third fills the time in which live tests wait.
+WORKERS ?= 3
 
 .PHONY: setup demo test test-fast coverage build-ros test-ros lint docs wheels bench bench-lab bench-real clean
 setup: $(STAMP)

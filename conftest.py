@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -23,6 +24,7 @@ settings.load_profile('same')
 os.environ['WATTWALK_INDEX'] = ''
 
 DAEMON_PORT = 11511
+_BEHIND = 10  # nice value: a ninth of the weight of a live test
 SLOW_FILES = {*(Path(__file__).parent / 'tests' / 'slow_files.txt').read_text().split()}
 """Files whose tests took 2 s of CPU and more together, `make test-fast` leaves them out."""
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
@@ -68,6 +70,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.xdist_group('live'))
         elif shares_a_fixture(item) and not item.get_closest_marker('xdist_group'):
             item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Let live tests go first on the processors: the others take the time in which they wait.
+
+    Without the right to raise a priority again a worker keeps the lower one.
+    """
+    if 'PYTEST_XDIST_WORKER' in os.environ:
+        mark = item.get_closest_marker('xdist_group')
+        live = mark is not None and mark.args == ('live',)
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, 0 if live else _BEHIND)
+    return (yield)
 
 
 @pytest.hookimpl(trylast=True)

@@ -144,6 +144,7 @@ def test_the_security_policy_allows_what_the_nodes_have(walking, node_process, t
     del allowed['operator']
     assert set(allowed) >= {'power_daq', 'power_estimator', 'policy_runner', 'sim_bridge'}
     for node, sides in allowed.items():
+        has = 'Subscribers' if node == 'watch' else 'Publishers'
         shown: dict[str, set[str]] = {}
         for _ in range(20):
             look = node_process.ros2('node', 'info', f'/{node}')
@@ -153,7 +154,7 @@ def test_the_security_policy_allows_what_the_nodes_have(walking, node_process, t
             )
             names = (set(re.findall(r'^ +(/\S+): ', part, re.M)) for part in parts[2::2])
             shown = dict(zip(parts[1::2], names, strict=True))
-            if all(shown.get(heading) for heading in ('Publishers', 'Service Servers')):
+            if all(shown.get(heading) for heading in (has, 'Service Servers')):
                 break
         assert node == 'watch' or '/diagnostics' in shown['Publishers']
         assert shown['Publishers'] <= sides['publish'], node
