@@ -16,6 +16,7 @@ from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
+from power_estimator.effects.library.bus import returned_shares
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.state import OtherDrives
 from power_estimator.posterior.departures import Departures, Point
@@ -116,7 +117,8 @@ class MeterProblem:
         at = self.builder.point(structure, values[None])
         slope = at.signals.motor_velocity + at.signals.torque_cost
         departed = self.departures.of(point, at.signals)
-        more = [at.power, *self.errors.watts(at.power, slope)]
+        blocked = blocked_shares(at.signals, point)
+        more = [at.power, *self.errors.watts(at.power, slope, blocked)]
         every = tuple({active.key: active for active in (*actives, *chosen)}.values())
         found, beside = self.builder.columns_and(every, at, more)
         of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
@@ -279,6 +281,19 @@ class MeterProblem:
         covariance[:, turned] = covariance[:, turned] @ turn.T
         parts = columns.nuisance[:, len(SENSORS) :], self._general_w, columns.bent
         return np.concatenate(parts, axis=1), weights, covariance
+
+
+def blocked_shares(signals: Signals, point: Point) -> Floats:
+    """Share of each drive in the power that the supply does not take back [T, D], else 0.
+
+    A meter of the whole robot sees all that takes it.
+    """
+    nothing = np.zeros_like(signals.drawn)
+    limits = [a for a, _ in point.values() if a.name.startswith('regeneration_limit')]
+    if signals.one_meter or not any(active.parameters['supply'] for active in limits):
+        return nothing
+    returned, total, blocked = returned_shares(signals)
+    return np.divide(returned, total, out=nothing, where=blocked > 0.0)
 
 
 def meter_problems(

@@ -32,6 +32,7 @@ SENSORS: Final[Mapping[str, Sensor]] = {
     'torque_lag': Sensor('s', 0.0015),
     'time_offset': Sensor('s', 0.001),
     'meter_filter': Sensor('s²', 5e-6),
+    'unmetered_load': Sensor('W', 50.0),  # the computers of a legged robot
 }
 SCALES: Final = ('power_gain', 'torque_scale')
 UNMOVED: Final = ('current_offset', 'offset_drift', 'velocity_lag')
@@ -86,10 +87,11 @@ class SensorErrors:
             {name: moves * slip(signals.torque, share * size) for name, share in _SLIPS.items()},
         )
 
-    def watts(self, power: Floats, slope: Floats) -> list[Floats]:
+    def watts(self, power: Floats, slope: Floats, blocked: Floats) -> list[Floats]:
         """Errors [T, D] in the order of SENSORS, in one spread.
 
-        power: W [T, D]; slope: of the power by the torque, W/(N·m) [T, D].
+        power: W [T, D]; slope: of the power by the torque, W/(N·m) [T, D]; blocked: each drive's
+        share of what the supply does not take back [T, D], 0 at other times.
         """
         s = self.signals
         moves = float(not s.steady)
@@ -110,6 +112,8 @@ class SensorErrors:
             'time_offset': -rate,
             # A low-pass whose delay is out: T²/2 times the second rate.
             'meter_filter': rate_of(rate, whole, s.rate),
+            # It takes what drives return, and only the rest is blocked.
+            'unmetered_load': -blocked,
         }
         return [
             np.broadcast_to(spread * errors[name], s.torque.shape)

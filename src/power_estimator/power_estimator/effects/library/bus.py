@@ -24,7 +24,7 @@ def _flow(signals: Signals, bridge: float = 0.0) -> Floats:
     return signals.drawn - bridge * signals.electronics
 
 
-def _shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
+def returned_shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
     """What each drive returns, the sum of that, and the net power that the bus blocks, W."""
     returned = np.maximum(0.0, -signals.drawn)
     total = returned.sum(axis=1, keepdims=True)
@@ -36,13 +36,13 @@ def _shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
 
 def _blocked(signals: Signals, **_: float) -> Floats:
     """The drive's share of the power that is blocked."""
-    returned, total, blocked = _shares(signals)
+    returned, total, blocked = returned_shares(signals)
     return (returned / total * blocked)[..., None]
 
 
 def _blocked_share(signals: Signals, coefficients: Floats, **_: float) -> Floats:
     """Minus the blocked share while power flows back."""
-    _returned, total, blocked = _shares(signals)
+    _returned, total, blocked = returned_shares(signals)
     return np.where(signals.drawn < 0.0, -coefficients[..., 0] * (blocked / total), 0.0)
 
 
