@@ -89,3 +89,13 @@ def test_a_scale_that_stands_in_for_an_effect_that_is_not_named_is_not_certain()
     assert found.probability['load_friction'] > NAMED
     assert 0.1 < found.probability['viscous_friction'] < NAMED  # there, too
     assert max(found.scales.values()) < NAMED  # all sensors are right
+
+
+def test_computers_that_take_what_a_hopper_returns_are_no_idle_draw_of_its_drive():
+    # They draw 50 W beside its one meter, and the supply takes nothing back.
+    truth = true_plant(Case('robot', 'hopper', 60.0, 1, 97100001, strength=0.5))
+    known = [Active.of(EFFECTS[name]) for name in truth.known]
+    (meter,) = judged_effects(prepare(truth.data), known, EFFECTS).meters
+    low, high = np.quantile(meter.coefficients['idle'], [0.025, 0.975])
+    assert low < truth.drives['LF_KFE'].coefficients['idle'] < high
+    assert high < 40.0  # W: without them 47 to 70

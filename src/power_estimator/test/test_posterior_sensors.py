@@ -1,9 +1,16 @@
-"""Errors of sensors: the plays that hysteresis is made of."""
+"""Errors of sensors: the plays that hysteresis is made of, scales, loads without a meter."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.meter import blocked_shares
 from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.summary import less_sure
+
+EFFECTS = builtin_catalogue()
 
 
 def test_slip_follows_the_torque_between_its_ends():
@@ -59,3 +66,22 @@ def test_a_scale_is_less_sure_the_more_power_no_formula_explains():
 def test_a_scale_that_nothing_is_left_beside_is_as_sure_as_it_was():
     drawn = drawn_about([0.75, -0.2], [0.25, 0.5])
     assert less_sure(drawn, np.eye(2), 0.0) == pytest.approx(drawn)
+
+
+def test_only_what_the_supply_blocks_is_shared_with_what_draws_beside_the_drives():
+    # A drive returns 40 W, then draws; others return 120 W throughout.
+    drawn = np.array([[-40.0], [60.0], [300.0]])
+    signals = SimpleNamespace(
+        drawn=drawn,
+        one_meter=False,
+        others=SimpleNamespace(returned=np.full((3, 1), 120.0), drawn=np.full((3, 1), -120.0)),
+    )
+
+    def shares(name, **shape):
+        return blocked_shares(signals, {name: (Active.of(EFFECTS[name], shape), np.ones(1))})
+
+    assert shares('regeneration_limit', supply=1.0)[:, 0].tolist() == [0.25, 0.0, 0.0]
+    assert not shares('regeneration_limit', supply=0.0).any()  # diodes in front of each drive
+    assert not shares('regeneration_efficiency', bridge=0.0, supply=1.0).any()
+    signals.one_meter = True  # which sees the rest of the robot
+    assert not shares('regeneration_limit', supply=1.0).any()

@@ -95,7 +95,8 @@ def align(
             + ''.join(f'; {note}' for note in source.notes)
         )
     notes = tuple(f'{recording.path}: {note}' for note in segments.notes(pieces))
-    return replace(_dataset(source, rate, pieces, notes), noise_hidden=segments.noise_hidden(rate))
+    hidden = (segments.noise_hidden(rate),)
+    return replace(_dataset(source, rate, pieces, notes), noise_hidden=hidden)
 
 
 def load_aligned(
@@ -182,7 +183,7 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
         notes=tuple(note for part in parts for note in part.notes),
         motor_current=_joined(parts, [part.motor_current for part in parts]),
         computed_power=frozenset().union(*(part.computed_power for part in parts)),
-        noise_hidden=max(part.noise_hidden for part in parts),
+        noise_hidden=tuple(own for part in parts for own in part.noise_hidden or (1.0,)),
         **arrays,
     )
 

@@ -381,7 +381,8 @@ def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
 
 def _meter_noise(data: AlignedDataset, meters: Floats, reducer: Reducer) -> Floats:
     """White noise of the power [T, M] after reduction, W [M], from its quietest half seconds."""
-    share = data.noise_hidden * float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))
-    parts = [*data.segments()]
-    found = [quiet_noise((power[part] for part in parts), data.rate) for power in meters.T]
+    share = float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))
+    hidden = data.noise_hidden or (1.0,) * len(data.recordings)
+    parts = [(part, hidden[data.recording[part.start]]) for part in data.segments()]
+    found = [quiet_noise((by * power[own] for own, by in parts), data.rate) for power in meters.T]
     return share * np.array(found)
