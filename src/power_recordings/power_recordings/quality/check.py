@@ -14,7 +14,7 @@ from power_recordings.messages.samples import (
     JointSamples,
     SupplySamples,
 )
-from power_recordings.quality import physics
+from power_recordings.quality import physics, streams
 from power_recordings.quality.findings import (
     Finding,
     Severity,
@@ -27,17 +27,7 @@ from power_recordings.quality.findings import (
     power_finding,
     velocity_finding,
 )
-from power_recordings.quality.streams import (
-    LEAST_UPDATES,
-    SampleLoss,
-    Timing,
-    clipped,
-    frozen,
-    sample_loss,
-    timing,
-    updates,
-    values_at,
-)
+from power_recordings.quality.streams import LEAST_UPDATES, SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
 _FEWEST = 20  # samples
@@ -107,13 +97,13 @@ class Quality:
 @np.errstate(all='ignore')
 def check_recording(recording: Recording) -> Quality:
     """Check a recording; InputError where a topic is there but cannot be read."""
-    recording, topics = recording.whole(), {}
+    recording = recording.whole()
+    topics, lost = {}, {}
     for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
         if recording.has(name):
-            topics[name] = timing(getattr(recording, name)().stamp_ns)
-    lost = {
-        n: sample_loss(recording.drive_supply().sequence) for n in topics if n == 'drive_supply'
-    }
+            topics[name] = streams.timing(getattr(recording, name)().stamp_ns)
+    if 'drive_supply' in topics:
+        lost['drive_supply'] = streams.sample_loss(recording.drive_supply().sequence)
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
     supply, robot = checker.supply(), checker.robot(drives)
@@ -195,14 +185,14 @@ class _Checker:
             getattr(joints, f)[:, column].astype(float) for f in ('position', 'velocity', 'effort')
         )
         for quantity, values in (('velocity', velocity), ('torque', torque)):
-            share = clipped(values.astype(np.float32))
+            share = streams.clipped(values.astype(np.float32))
             if share > _CLIPPED:
                 text = f'{quantity} stands at an extreme value in {share:.0%} of samples: clipped?'
                 self._find('clipped', 'warning', name, text)
         speed = np.nan_to_num(np.abs(velocity))
         moving = speed > max(0.2 * float(np.percentile(speed, 95)), 1e-6)
         for quantity, values in (('position', position), ('torque', torque)):
-            stuck = frozen(joints.stamp_ns, values.astype(np.float32), moving)
+            stuck = streams.frozen(joints.stamp_ns, values.astype(np.float32), moving)
             if stuck > _FROZEN and np.nanmax(values) > np.nanmin(values):
                 text = f'{quantity} is constant for {stuck:.1f} s in motion'
                 self._find('frozen', 'warning', name, text)
@@ -230,9 +220,9 @@ class _Checker:
         volts = constant_voltage(name, electric.voltage[:, column])
         if volts is not None and not self._recording.card.lacks(name, 'current'):
             self.findings.append(volts)
-        rate = float(updates(electric.stamp_ns, power[:, None])[0])
+        rate = float(streams.updates(electric.stamp_ns, power[:, None])[0])
         self._slow(rate, name, 'its', ' of a joint')
-        share = clipped(electric.current[:, column])
+        share = streams.clipped(electric.current[:, column])
         if share > _CLIPPED:
             self._find(
                 'clipped', 'warning', name, f'{metered} is clipped in {share:.0%} of samples'
@@ -241,11 +231,11 @@ class _Checker:
             stamps = electric.stamp_ns - self._joints.stamp_ns[0]
             speed = np.interp(stamps / 1e9, time, np.nan_to_num(np.abs(velocity)))
             moving = speed > 0.2 * np.percentile(speed, 95)
-            stuck = frozen(electric.stamp_ns, power, moving & (speed > 0))
+            stuck = streams.frozen(electric.stamp_ns, power, moving & (speed > 0))
             if stuck > _FROZEN and rate >= LEAST_UPDATES:
                 text = f'its power is constant for {stuck:.1f} s in motion'
                 self._find('frozen', 'warning', name, text)
-            return rate, values_at(electric.stamp_ns, power, self._joints.stamp_ns)
+            return rate, streams.values_at(electric.stamp_ns, power, self._joints.stamp_ns)
         return rate, np.full(len(time), np.nan)
 
     def _slow(self, rate: float, drive: str, whose: str, of: str) -> None:
@@ -313,7 +303,7 @@ class _Checker:
         signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
         if (supply.voltage == UNKNOWN_VOLTAGE).all():
             signals = {'power': supply.power}
-        found = updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
+        found = streams.updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
         rates = dict(zip(signals, found, strict=True))
         if self._electric is None:
             self._slow(rates['power'], '', "the robot's", '')
@@ -332,7 +322,7 @@ class _Checker:
         units = self._recording.card.torque_unit
         if min(len(supply), len(joints)) < _FEWEST or 'A' in units.values():
             return None
-        power = values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
+        power = streams.values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
         rate = physics.rate_of((joints.stamp_ns - joints.stamp_ns[0]) / 1e9, motion[0])
         balance = physics.power_balance(power, *motion, rate)
@@ -349,7 +339,7 @@ class _Checker:
     def _line(self, supply: SupplySamples) -> tuple[float, float, float]:
         if self._electric is None or len(self._electric.names) < len(self.names):
             return (np.nan,) * 3
-        drawn = values_at(
+        drawn = streams.values_at(
             self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns
         )
         good = np.isfinite(drawn) & np.isfinite(supply.power)
