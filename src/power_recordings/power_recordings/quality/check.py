@@ -14,19 +14,8 @@ from power_recordings.messages.samples import (
     JointSamples,
     SupplySamples,
 )
-from power_recordings.quality import physics, streams
-from power_recordings.quality.findings import (
-    Finding,
-    Severity,
-    clock_findings,
-    computed_findings,
-    constant_voltage,
-    drive_findings,
-    judged,
-    loss_findings,
-    power_finding,
-    velocity_finding,
-)
+from power_recordings.quality import findings, physics, streams
+from power_recordings.quality.findings import Finding, Severity
 from power_recordings.quality.streams import LEAST_UPDATES, SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
@@ -107,29 +96,23 @@ def check_recording(recording: Recording) -> Quality:
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
     supply, robot = checker.supply(), checker.robot(drives)
-    return Quality(
-        recording.duration,
-        topics,
-        drives,
-        dict(recording.card.torque),
-        judged(
-            (
-                *clock_findings(recording, topics),
-                *loss_findings(lost, topics),
-                *checker.findings,
-                *computed_findings(recording.card),
-            ),
-            recording.card.steady,
+    card = recording.card
+    found = findings.judged(
+        (
+            *findings.clock_findings(recording, topics),
+            *findings.loss_findings(lost, topics),
+            *checker.findings,
+            *findings.computed_findings(card),
         ),
-        supply,
-        robot,
-        lost,
+        card.steady,
     )
+    torque_at = dict(card.torque)
+    return Quality(recording.duration, topics, drives, torque_at, found, supply, robot, lost)
 
 
 class _Checker:
     def __init__(self, recording: Recording) -> None:
-        self._recording = recording
+        self._recording, self._card = recording, recording.card
         self.findings: list[Finding] = []
         self._joints: JointSamples | None = None
         self._electric: DriveSamples | None = None
@@ -156,7 +139,7 @@ class _Checker:
         slope = self._velocity(name, time, position, velocity)
         known = len(time) > 0 and rate >= LEAST_UPDATES
         motion = (time, torque, velocity)
-        agree = slope == slope or name in self._recording.card.derived_velocity
+        agree = slope == slope or name in self._card.derived_velocity
         balance = self._power(name, power, motion, agree) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
@@ -205,7 +188,7 @@ class _Checker:
             return np.nan, np.full(len(time), np.nan)
         column = electric.names.index(name)
         power = electric.power[:, column]
-        metered = self._recording.card.metered(name) or 'power'
+        metered = self._card.metered(name) or 'power'
         for quantity, most in _MOST.items():
             values = getattr(electric, quantity)[:, column]
             largest = float(np.nanmax(np.abs(values), initial=0.0))
@@ -213,12 +196,12 @@ class _Checker:
                 if (quantity, metered) == ('current', 'power'):
                     quantity, largest = metered, float(np.nanmax(np.abs(power)))
                 unit = {'voltage': 'V', 'current': 'A', 'power': 'W'}[quantity]
-                given = self._recording.card.unit_of(name, quantity) == f'm{unit}'
+                given = self._card.unit_of(name, quantity) == f'm{unit}'
                 text = f'{quantity} reaches {largest:.4g} {unit}: ' + ('µ' if given else 'm')
                 mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
                 self._find('units', 'error', name, f'{text}{unit}?', mend)
-        volts = constant_voltage(name, electric.voltage[:, column])
-        if volts is not None and not self._recording.card.lacks(name, 'current'):
+        volts = findings.constant_voltage(name, electric.voltage[:, column])
+        if volts is not None and not self._card.lacks(name, 'current'):
             self.findings.append(volts)
         rate = float(streams.updates(electric.stamp_ns, power[:, None])[0])
         self._slow(rate, name, 'its', ' of a joint')
@@ -248,8 +231,7 @@ class _Checker:
             self._find('slow_power', 'error', drive, text)
 
     def _velocity(self, name: str, time: Floats, position: Floats, velocity: Floats) -> float:
-        card = self._recording.card
-        if not len(time) or card.steady or name in card.derived_velocity:
+        if not len(time) or self._card.steady or name in self._card.derived_velocity:
             return np.nan  # between operating points no position moves
         if stands_still(position) and np.nanmax(np.abs(position), initial=0.0) > 0.0:
             within = np.abs(position - np.nanmedian(position)) < _STILL
@@ -259,7 +241,7 @@ class _Checker:
         if found is None or abs(found.correlation) < least:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
-            self.findings.append(velocity_finding(name, found.slope, card))
+            self.findings.append(findings.velocity_finding(name, found.slope, self._card))
         return found.slope
 
     def _power(
@@ -277,8 +259,8 @@ class _Checker:
             mend = 'torque: {from: …, unit: A, at: motor}'
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity, physics.rate_of(time, torque))
-        if self._recording.card.torque_unit.get(name) != 'A':
-            self._add([power_finding(name, balance, self._recording.card, agree)])
+        if self._card.torque_unit.get(name) != 'A':
+            self._add([findings.power_finding(name, balance, self._card, agree)])
         return balance
 
     def _add(self, found: Sequence[Finding | None]) -> None:
@@ -298,7 +280,7 @@ class _Checker:
             worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
         if mean < 0 and worked > _GENERATES * mean:
             text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
-            mend = self._recording.card.turned_meter('')
+            mend = self._card.turned_meter('')
             self._find('supply_sign', 'error', '', text, mend)
         signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
         if (supply.voltage == UNKNOWN_VOLTAGE).all():
@@ -319,7 +301,7 @@ class _Checker:
         if self._electric is not None or joints is None or not self._recording.has('supply'):
             return None
         supply = self._recording.supply()
-        units = self._recording.card.torque_unit
+        units = self._card.torque_unit
         if min(len(supply), len(joints)) < _FEWEST or 'A' in units.values():
             return None
         power = streams.values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
@@ -332,8 +314,8 @@ class _Checker:
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())
-            own = drive_findings(joints.names, apart, self._recording.card) if apart else []
-            self._add(own or [power_finding('', balance, self._recording.card, agree)])
+            own = findings.drive_findings(joints.names, apart, self._card) if apart else []
+            self._add(own or [findings.power_finding('', balance, self._card, agree)])
         return balance
 
     def _line(self, supply: SupplySamples) -> tuple[float, float, float]:
