@@ -55,8 +55,9 @@ def row_kind(ours: Curve, reference: Curve, clock: Clock, period: float) -> RowK
     largest = 1.0 / (2.0 * (2.0 * np.pi * _LOWEST_BANDWIDTH / ours.period) ** 2)
 
     def residual(values: Floats, regressors: tuple[Floats, Floats]) -> Floats:
-        channels = zip(*(part[good].T for part in (values, *regressors)), strict=True)
-        return np.stack([_residual(*channel, largest) for channel in channels])
+        x, curvature = (part[good].T for part in regressors)
+        channels = zip(values[good].T, x, curvature, strict=True)
+        return np.stack([_residual(*each, largest=largest) for each in channels])
 
     owner = blocks_of(time[good])
     as_means = residual(y_mean, low_values)

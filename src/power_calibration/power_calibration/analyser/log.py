@@ -102,7 +102,7 @@ class Log:
             raise InputError(f'cannot read {path}: {advice(error)}') from error
         for column, key in enumerate(names):
             rows[:, column] *= scales[key]
-        if 'time' not in scales or scales['time'] == 1.0:
+        if scales['time'] == 1.0:
             rows[:, 0] *= _epoch_scale(rows[:, 0])
         return cls.of(path, names, rows, notes)
 

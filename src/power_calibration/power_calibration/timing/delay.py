@@ -57,7 +57,8 @@ class Joint:
         time = (joints.stamp_ns - start_ns) / 1e9
         signals = (joints.effort[:, column], joints.position[:, column])
         values = np.column_stack(signals).astype(np.float64)
-        curve = Curve.of_samples(time, values, ~np.isfinite(values).all(axis=1))
+        bad = np.asarray(~np.isfinite(values).all(axis=1))
+        curve = Curve.of_samples(time, values, bad)
         return cls(drive, curve).between(-np.inf, np.inf)
 
     def between(self, first: float, last: float) -> 'Joint':

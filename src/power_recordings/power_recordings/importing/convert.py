@@ -109,7 +109,7 @@ class _Writer:
 
     def _joints(self, topic: str, stamps: Stamps, values: Values) -> Messages:
         drives = self._of_joints[topic]
-        columns = {
+        columns: dict[str, Any] = {
             field: self._table(values, drives, quantity, len(stamps))
             for quantity, field in _JOINT_FIELDS[topic].items()
         }

@@ -123,7 +123,7 @@ def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str]
     wanted = [c for c in source.columns() if c.address in {*mapped, *telling[:_COLUMNS]}]
     wanted.sort(key=lambda column: column.address not in mapped)
     columns = first_values(source, wanted, _ROWS)
-    formulas, notes = {}, []
+    formulas, notes = {}, list[str]()
     for drive, channels in metered.items():
         power, made_of = _power(channels, columns)
         if power is None:
