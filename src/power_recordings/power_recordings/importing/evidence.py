@@ -11,7 +11,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
-from power_recordings.importing.candidates import CandidateColumn, is_mere_angle
+from power_recordings.importing.candidates import CandidateColumn, is_mere_angle, plain
 from power_recordings.importing.units import conversion
 from power_recordings.importing.words import words
 from power_recordings.quality.physics import solve, velocity_slope
@@ -89,9 +89,8 @@ def si(candidate: CandidateColumn, unit: str = '') -> Floats:
 
     unit: the unit to convert from, in place of the log's.
     """
-    quantity = {'winding': 'current'}.get(candidate.quantity, candidate.quantity)
     try:
-        return conversion(unit or candidate.unit, quantity)(candidate.values)
+        return conversion(unit or candidate.unit, plain(candidate.quantity))(candidate.values)
     except InputError:
         return candidate.values
 
