@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from power_calibration.analyser.curve import Curve
 from power_calibration.commands.arguments import sync as main
 from power_calibration.timing.delay import delay_of
 from power_calibration.timing.step_response import step_response
@@ -173,3 +174,14 @@ def test_the_command_writes_figures_page_and_picture(walk, tmp_path, monkeypatch
     assert main(['bag', '--report', 's.txt']) == 2
     assert main(['bag', '--drives', 'RH_KFE']) == 2
     assert main(['gone']) == 2
+
+
+def test_bad_samples_are_in_no_run_and_cost_none_of_the_others():
+    time = np.arange(2000) * 0.001
+    bad = np.zeros(2000, bool)
+    bad[700:720] = True
+    values = np.where(bad, 1e6, time)[:, None]
+    curve = Curve.of_samples(time, values, bad)
+    assert [(run[0], run[-1]) for run, _ in curve.runs] == [(0.0, time[699]), (0.72, time[-1])]
+    for run, kept in curve.runs:
+        np.testing.assert_array_equal(kept[:, 0], run)

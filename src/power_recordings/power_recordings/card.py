@@ -117,27 +117,27 @@ class Card:
         line = f'{quantity}: {{positive: {"drawn" if sign == "fed" else "fed"}}}'
         return line if drive else f'supply: {{{line}}}'
 
+    def _by_drive(self, what: str) -> Mapping[str, Any]:
+        found = self.imported.get(what)
+        return found if isinstance(found, Mapping) else {}
+
     def _all(self, what: str, drive: str, quantity: str) -> set[Any]:
-        of = self.imported.get(what)
-        drives = [drive] if drive else of if isinstance(of, Mapping) else ()
+        drives = [drive] if drive else self._by_drive(what)
         noted = [self._noted(what, name) or {} for name in drives]
         return {own[quantity] for own in noted if quantity in own}
 
     def _noted(self, what: str, drive: str) -> Mapping[str, Any] | None:
-        of_drive = self.imported.get(what)
-        named = of_drive.get(drive) if isinstance(of_drive, Mapping) else None
+        named = self._by_drive(what).get(drive)
         return named if isinstance(named, Mapping) else None
 
     def formula(self, drive: str) -> str:
         """Return the formula by which a drive's power was computed; '' where none is known."""
-        found = self.imported.get('formulas')
-        return str(found.get(drive, '')) if isinstance(found, Mapping) else ''
+        return str(self._by_drive('formulas').get(drive, ''))
 
     @property
     def derived_velocity(self) -> tuple[str, ...]:
         """Drives whose velocity an import computed by differentiating their position."""
-        found = self.imported.get('velocity')
-        return tuple(map(str, found)) if isinstance(found, Mapping) else ()
+        return tuple(map(str, self._by_drive('velocity')))
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -53,11 +53,12 @@ def signal_curves(measured: MeasuredDrive, log: Log) -> tuple[list[str], Curve, 
     names = [name for name, column in known.items() if column is not None]
     picked = [place for place, column in enumerate(known.values()) if column is not None]
     columns = [column for column in (*known.values(), watts) if column is not None]
-    runs = []
-    for time, values in measured.curve.runs:
-        power = [values[:, :1] * values[:, 1:]] if watts is not None else []
-        runs.append((time, np.hstack([values[:, picked], *power])))
-    ours = Curve(tuple(runs), measured.curve.period)
+
+    def signals(_: Floats, values: Floats) -> Floats:
+        power = [values.prod(axis=1)] if watts is not None else []
+        return np.column_stack([values[:, picked], *power])
+
+    ours = measured.curve.mapped(signals)
     return names or ['power'], ours, log.curve(np.column_stack(columns))
 
 

@@ -55,11 +55,9 @@ def row_kind(ours: Curve, reference: Curve, clock: Clock, period: float) -> RowK
     largest = 1.0 / (2.0 * (2.0 * np.pi * _LOWEST_BANDWIDTH / ours.period) ** 2)
 
     def residual(values: Floats, regressors: tuple[Floats, Floats]) -> Floats:
-        x, curvature = regressors
-        columns = range(values.shape[1])
-        return np.stack(
-            [_residual(values[good, k], x[good, k], curvature[good, k], largest) for k in columns]
-        )
+        x, curvature = (part[good].T for part in regressors)
+        channels = zip(values[good].T, x, curvature, strict=True)
+        return np.stack([_residual(*each, largest=largest) for each in channels])
 
     owner = blocks_of(time[good])
     as_means = residual(y_mean, low_values)

@@ -1,6 +1,6 @@
 """Sampled signals that can be evaluated at any time: low-passed once, then interpolated."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from power_recordings.alignment.stream import Stream, cubic
 from power_recordings.reading.reader import Recording
 from scipy.ndimage import correlate1d
 from scipy.signal import find_peaks, resample_poly
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 
 _FAST = 4000.0  # Hz, rate to which faster signals are averaged
@@ -53,6 +53,14 @@ class Curve:
             runs.append((means, values[rows].reshape(count, every, -1).mean(axis=1)))
         return cls(tuple(runs), period * every, every)
 
+    @classmethod
+    def of_samples(
+        cls, time: Floats, values: Floats, bad: Bools, apart: Bools | None = None
+    ) -> 'Curve':
+        """Make a curve from samples [N, K] less those marked bad, cut at gaps as by `Stream`."""
+        stream = Stream.of(time, np.zeros((len(time), 0), np.float32), bad, apart)
+        return cls.of(stream.time, values[~bad], stream.starts, stream.stops, stream.period)
+
     @property
     def span(self) -> tuple[float, float]:
         """First and last time, s; (0, 0) of an empty curve."""
@@ -60,9 +68,13 @@ class Curve:
             return 0.0, 0.0
         return float(self.runs[0][0][0]), float(self.runs[-1][0][-1])
 
+    def mapped(self, change: Callable[[Floats, Floats], Floats]) -> 'Curve':
+        """Return the curve of what a function makes of the times and values of each run."""
+        return Curve(tuple((time, change(time, v)) for time, v in self.runs), self.period)
+
     def columns(self, chosen: slice) -> 'Curve':
         """Return the curve of a slice of the K signals."""
-        return Curve(tuple((time, values[:, chosen]) for time, values in self.runs), self.period)
+        return self.mapped(lambda _, values: values[:, chosen])
 
     def filtered(self, taps: Floats, every: int = 1) -> 'Curve':
         """Return the curve filtered by centred FIR taps; every `every`-th sample is kept.
@@ -108,10 +120,7 @@ class Curve:
 
     def derivative(self) -> 'Curve':
         """Return the derivatives of all signals, per s."""
-        return Curve(
-            tuple((time, np.gradient(values, time, axis=0)) for time, values in self.runs),
-            self.period,
-        )
+        return self.mapped(lambda time, values: np.gradient(values, time, axis=0))
 
 
 def _low_pass(period: float, rate: float, mean: float) -> Floats:
@@ -248,8 +257,7 @@ class MeasuredDrive:
 
     def corrected(self, gain: Floats, offset: Floats) -> Curve:
         """Return power, W, with voltage and current each · gain [2] + offset [2]."""
-        runs = ((time, values * gain + offset) for time, values in self.curve.runs)
-        return Curve(tuple((t, v[:, :1] * v[:, 1:]) for t, v in runs), self.curve.period)
+        return self.curve.mapped(lambda _, v: np.prod(v * gain + offset, axis=1, keepdims=True))
 
     @classmethod
     def of(cls, recording: Recording, drive: str | None) -> 'MeasuredDrive':
@@ -291,7 +299,6 @@ class MeasuredDrive:
             notes.append(f'{supply.lost} of our samples were lost')
         start = int(supply.stamp_ns[0])
         time = (supply.stamp_ns - start) / 1e9
-        stream = Stream.of(time, np.zeros((len(time), 0), np.float32), bad, supply.after_gap)
         values = np.column_stack([volts, amps]).astype(np.float64)
-        curve = Curve.of(time, values, stream.starts, stream.stops, stream.period)
+        curve = Curve.of_samples(time, values, bad, supply.after_gap)
         return cls(path, name, start, curve, recording.card.calibration, tuple(notes))

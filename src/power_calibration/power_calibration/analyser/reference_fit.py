@@ -211,16 +211,14 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
     centre = 0.5 * (problem.time[0] + problem.time[-1])
     clock = Clock(match.offset, match.drift, match.centre).centred_at(centre)
     weights = np.ones(channels)
-    slopes, levels, bends = np.ones(channels), np.zeros(channels), np.zeros(channels)
+    lines = np.stack([np.ones(channels), np.zeros(channels), np.zeros(channels)])
     for step in range(_STEPS):
-        lines = np.array([slopes, levels, bends])
         jacobian, residual, shown, good = _linear(problem, clock, lines, weights, fixed)
         if step < 1:  # the Jacobian of offset and drift needs slopes
-            for channel in range(channels):
-                slopes[channel], levels[channel] = _line(
-                    shown[:, channel], problem.values[good, channel], fixed[channel]
-                )
-            rest = problem.values[good] - slopes * shown - levels
+            values = problem.values[good]
+            for k in range(channels):
+                lines[:2, k] = _line(shown[:, k], values[:, k], fixed[k])
+            rest = values - lines[0] * shown - lines[1]
             weights = 1.0 / np.maximum(rest.std(axis=0), 1e-9)
             continue
         scale = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-12)
@@ -228,21 +226,19 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
         clock = replace(
             clock, offset=clock.offset + float(change[0]), drift=clock.drift + float(change[1])
         )
-        slopes += change[2 : 2 + channels]
-        levels += change[2 + channels : 2 + 2 * channels]
-        bends += change[2 + 2 * channels :]
+        lines += change[2:].reshape(3, channels)
         rest = residual - (jacobian @ change).reshape(residual.shape)
         weights = weights / np.maximum(rest.std(axis=0), 1e-9)
         if step > 3 and abs(change[0]) < 1e-8 and abs(change[1]) < 1e-9:
             break
-    lines = np.array([slopes, levels, bends])
     jacobian, residual, shown, good = _linear(problem, clock, lines, weights, fixed)
     time = problem.time[good]
     owner = blocks_of(time)
     changes = left_out(jacobian, residual.ravel(), np.repeat(owner, channels))
-    a = slopes + changes[:, 2 : 2 + channels]
-    b = levels + changes[:, 2 + channels : 2 + 2 * channels]
-    wide = half_width(np.column_stack([changes[:, :2], 1.0 / a, -b / a]))
+    without = lines + changes[:, 2:].reshape(-1, 3, channels)
+    gains, offsets = 1.0 / without[:, 0], -without[:, 1] / without[:, 0]
+    wide = half_width(np.column_stack([changes[:, :2], gains, offsets]))
+    slopes, levels, _ = lines
 
     def estimate(value: float, place: int) -> IntervalEstimate:
         return IntervalEstimate.of(float(value), float(wide[place]))
@@ -281,12 +277,12 @@ def _linear(
     count, channels = shown.shape
     since = problem.time[good] - clock.centre - clock.offset
     jacobian = np.zeros((count, channels, 2 + 3 * channels))
+    jacobian[:, :, 0] = -slopes * rise * (1.0 + clock.drift)
+    jacobian[:, :, 1] = slopes * rise * since[:, None]
     for k in range(channels):
-        jacobian[:, k, 0] = -weights[k] * slopes[k] * rise[:, k] * (1.0 + clock.drift)
-        jacobian[:, k, 1] = weights[k] * slopes[k] * rise[:, k] * since
-        jacobian[:, k, 2 + k] = weights[k] * shown[:, k]
-        jacobian[:, k, 2 + channels + k] = 0.0 if fixed[k] else weights[k]
-        jacobian[:, k, 2 + 2 * channels + k] = weights[k] * bend[:, k]
+        level = np.full(count, 0.0 if fixed[k] else 1.0)
+        jacobian[:, k, 2 + k :: channels] = np.column_stack([shown[:, k], level, bend[:, k]])
+    jacobian *= weights[:, None]
     residual = weights * (problem.values[good] - slopes * shown - levels - bends * bend)
     return jacobian.reshape(count * channels, -1), residual, shown, good
 
@@ -294,6 +290,5 @@ def _linear(
 def _line(x: Floats, y: Floats, through_zero: bool) -> tuple[float, float]:
     if through_zero:
         return float(x @ y / (x @ x)), 0.0
-    spread = x - x.mean()
-    slope = float(spread @ y / max(float(spread @ spread), 1e-12))
-    return slope, float(y.mean() - slope * x.mean())
+    slope, level = np.polyfit(x, y, 1)
+    return float(slope), float(level)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from power_recordings.alignment.stream import Stream
 from power_recordings.reading.reader import Recording
 from scipy.signal import lfilter, savgol_filter
 from wattwalk_core.arrays import Bools, Floats
@@ -59,13 +58,11 @@ class Joint:
         signals = (joints.effort[:, column], joints.position[:, column])
         values = np.column_stack(signals).astype(np.float64)
         bad = np.asarray(~np.isfinite(values).all(axis=1))
-        stream = Stream.of(time, np.zeros((len(time), 0), np.float32), bad)
-        pairs = zip(stream.starts.tolist(), stream.stops.tolist(), strict=True)
-        runs = tuple((time[a:b], values[a:b]) for a, b in pairs if b - a >= 4 * _WINDOW)
-        return cls(drive, Curve(runs, stream.period))
+        curve = Curve.of_samples(time, values, bad)
+        return cls(drive, curve).between(-np.inf, np.inf)
 
     def between(self, first: float, last: float) -> 'Joint':
-        """Return the part between two times, s."""
+        """Return the part between two times, s, without runs too short to differentiate."""
         kept = []
         for time, values in self.curve.runs:
             low, high = np.searchsorted(time, [first, last]).tolist()
@@ -81,8 +78,7 @@ class Joint:
         inertia, load friction and loss of regenerated power, inverter. The rotor's speed w is the
         derivative of position, since reported speed lags behind its filter.
         """
-        runs = self.curve.runs
-        return Curve(tuple((t, self._table(v, spring)) for t, v in runs), self.curve.period)
+        return self.curve.mapped(lambda _, values: self._table(values, spring))
 
     def _table(self, values: Floats, spring: ShaftSpring) -> Floats:
         torque, angle = values.T

@@ -215,15 +215,12 @@ def summarise(
         )
     measured = recording.drive_supply().names
     joints = recording.joint_states().names
-    if drives is None:
-        chosen: Sequence[str] = [name for name in measured if name in joints]
-        if not chosen:
-            raise InputError(
-                f'{recording.path}: drive_supply measures {", ".join(measured)}, of which '
-                f'joint_states has none ({", ".join(joints)})'
-            )
-    else:
-        chosen = drives
+    chosen = [name for name in measured if name in joints] if drives is None else drives
+    if drives is None and not chosen:
+        raise InputError(
+            f'{recording.path}: drive_supply measures {", ".join(measured)}, of which '
+            f'joint_states has none ({", ".join(joints)})'
+        )
     delays, responses, problems = [], [], list(recording.problems)
     refused: InputError | None = None
     for name in chosen:

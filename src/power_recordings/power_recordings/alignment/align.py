@@ -87,7 +87,7 @@ def align(
     if recording.card.steady:
         return operating_points(source, rate)
     segments = _Segments(source, rate, smooth)
-    pieces = [piece for span in segments.spans() for piece in segments.pieces(*span)]
+    pieces = [piece for piece in map(segments.piece, segments.spans()) if piece is not None]
     if not pieces:
         raise InputError(
             f'{recording.path}: nothing is left of {recording.duration:.2f} s: no stretch without '
@@ -231,26 +231,27 @@ class _Segments:
         begin = -np.inf if source.commands is None else float(source.commands[0][0])
         return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
 
-    def pieces(self, start: float, end: float) -> list[_Piece]:
-        """Return the segment of an interval; [] if it is too short for the filters."""
-        grid = _grid(self._source.joints, start, end)
+    def piece(self, span: tuple[float, float]) -> _Piece | None:
+        """Return the segment of an interval; None if it is too short for the filters."""
+        grid = _grid(self._source.joints, *span)
         half = len(self._taps) // 2
         if len(grid) < len(self._taps) + self._every:
             self._short += 1
-            return []
+            return None
         inner = slice(half, len(grid) - half, self._every)
         result: dict[str, NDArray[Any]] = {'time': grid[inner]}
         if self._source.cmd_vel is not None:
             result['cmd_vel'] = held(*self._source.cmd_vel, grid)[inner]
         for name, values in self._source.sample(grid).items():
-            if name == 'command' and not self._smooth:
-                result[name] = values[inner]
-            else:
-                result[name] = centred(values, self._taps)[:: self._every]
+            is_held = name == 'command' and not self._smooth
+            result[name] = values[inner] if is_held else self._filtered(values)
         if 'orientation' in result:
             norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
             result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
-        return [result]
+        return result
+
+    def _filtered(self, values: Singles) -> Singles:
+        return centred(values, self._taps)[:: self._every]
 
     def noise_hidden(self, rate: float) -> float:
         """Return the factor by which `quiet_noise` at `rate` Hz understates the meter's noise.
@@ -265,7 +266,7 @@ class _Segments:
         time = np.arange(count) * meter.period
         white = np.random.default_rng(0).normal(size=(count, 1)).astype(np.float32)
         grid = np.arange(0.0, time[-1], 1 / GRID)
-        seen = centred(Stream.of(time, white).sample(grid), self._taps)[:: self._every, 0]
+        seen = self._filtered(Stream.of(time, white).sample(grid))[:, 0]
         found = quiet_noise([seen[np.isfinite(seen)]], rate)
         return float(np.sqrt(rate * meter.period) / found) if found > 0 else 1.0
 

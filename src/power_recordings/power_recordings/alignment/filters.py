@@ -66,16 +66,14 @@ def smoothing(rate: float) -> Floats:
     from scipy.signal import savgol_coeffs  # slow to import, and nodes import this file
 
     windows = range(5, int(2 * rate / SMOOTHING), 2)
-    best = min(windows, key=lambda n: abs(_cutoff(n, rate) - SMOOTHING))
-    return np.asarray(savgol_coeffs(best, _POLYORDER), np.float64)
+    filters = [np.asarray(savgol_coeffs(n, _POLYORDER), np.float64) for n in windows]
+    return min(filters, key=lambda taps: abs(_cutoff(taps, rate) - SMOOTHING))
 
 
-def _cutoff(window: int, rate: float) -> float:
+def _cutoff(taps: Floats, rate: float) -> float:
     from scipy.optimize import brentq  # slow to import, and nodes import this file
-    from scipy.signal import savgol_coeffs  # slow to import, and nodes import this file
 
-    taps = np.asarray(savgol_coeffs(window, _POLYORDER), np.float64)
-    first_null = rate * 1.7 / window
+    first_null = rate * 1.7 / len(taps)
     return float(
         brentq(lambda f: gain(taps, f, rate) - np.sqrt(0.5), 0, min(first_null, rate / 2))
     )

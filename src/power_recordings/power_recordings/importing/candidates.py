@@ -235,7 +235,7 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     by_name = (
         (i, q)
         for i, (q, rule) in enumerate(_RULES)
-        if re.search(rule, name) and (not q or not fits or _plain(q) in fits) and not foreign
+        if re.search(rule, name) and (not q or not fits or plain(q) in fits) and not foreign
     )
     letter = not bracket and unit in ('C', 'F', 'K')  # which end the names of phases, too
     by_unit = (_BY_UNIT, '' if letter else next((q for q in _OF_UNIT if q in fits), ''))
@@ -258,8 +258,8 @@ def _stem(address: str) -> str:
     return re.sub(rf'([_ ]|\s*/\s*){unit}$', '', address) if unit else address
 
 
-def _plain(quantity: str) -> str:
-    """The quantity that a unit says."""
+def plain(quantity: str) -> str:
+    """Return the quantity that a unit says: the voltage of a supply is a voltage."""
     return _PLAIN.get(quantity, quantity.removeprefix('supply_'))
 
 

@@ -39,12 +39,12 @@ TOPICS = (
 )
 
 _JOINT_FIELDS = {
-    'joint_states': ('position', 'velocity', 'torque'),
-    'motor_current': ('', '', 'motor_current'),
-    'motor_temperature': ('', '', 'temperature'),  # of drives without a meter of their own
-    'joint_commands': ('command', '', ''),
+    'joint_states': {'position': 'position', 'velocity': 'velocity', 'torque': 'effort'},
+    'motor_current': {'motor_current': 'effort'},
+    'motor_temperature': {'temperature': 'effort'},  # of drives without a meter of their own
+    'joint_commands': {'command': 'position'},
 }
-"""Quantities that are position, velocity and effort of a message."""
+"""Fields of the JointState messages of a topic, by the quantities that they hold."""
 _PERIOD = 0.1  # s of electrical samples in a message
 _CHUNK = 10.0  # s
 _POINTS = 50.0  # Hz, at which operating points that have no times are written
@@ -95,14 +95,12 @@ class _Writer:
             times, blocks = stamps, [self._supply(stamps, values)]
         else:
             times, blocks = stamps, [self._joints(topic, stamps, values)]
-        handle = self._topics.get(topic)
-        if handle is None:
-            handle = self._bag.add_topic(topic, KINDS[topic].type_name)
-            self._topics[topic] = handle
-        edges = np.cumsum([0, *(len(block) for block in blocks)])
+        if topic not in self._topics:
+            self._topics[topic] = self._bag.add_topic(topic, KINDS[topic].type_name)
+        parts = np.split(times, np.cumsum([len(block) for block in blocks[:-1]], dtype=int))
         return [
-            MessageBlock(handle, times[start:stop], block)
-            for start, stop, block in zip(edges, edges[1:], blocks, strict=False)
+            MessageBlock(self._topics[topic], part, block)
+            for part, block in zip(parts, blocks, strict=True)
         ]
 
     def _table(self, values: Values, drives: Sequence[str], quantity: str, n: int) -> Floats:
@@ -111,20 +109,20 @@ class _Writer:
 
     def _joints(self, topic: str, stamps: Stamps, values: Values) -> Messages:
         drives = self._of_joints[topic]
-        position, velocity, effort = (
-            self._table(values, drives, quantity, len(stamps)) if quantity else None
-            for quantity in _JOINT_FIELDS[topic]
-        )
-        return cdr.joint_state_block(stamps, drives, position, velocity, effort)
+        columns: dict[str, Any] = {
+            field: self._table(values, drives, quantity, len(stamps))
+            for quantity, field in _JOINT_FIELDS[topic].items()
+        }
+        return cdr.joint_state_block(stamps, drives, **columns)
 
     def _drive_supply(self, stamps: Stamps, values: Values) -> tuple[Stamps, list[Messages]]:
         count = len(stamps)
-        volts = self._table(values, self.measured, 'voltage', count)
-        amps = self._table(values, self.measured, 'current', count)
-        watts = self._table(values, self.measured, 'power', count)
+        volts, amps, watts, celsius = (
+            self._table(values, self.measured, quantity, count)
+            for quantity in ('voltage', 'current', 'power', 'temperature')
+        )
         with np.errstate(divide='ignore', invalid='ignore'):
             amps = np.where(np.isnan(amps), watts / volts, amps)
-        celsius = self._table(values, self.measured, 'temperature', count)
         if not self._per_message:
             step = float(np.median(np.diff(stamps))) / 1e9 if count > 1 else 1.0
             self._per_message = int(np.clip(round(_PERIOD / max(step, 1e-6)), 1, 1000))
@@ -299,7 +297,7 @@ class _Log:
 def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
     """Return the channels to be written, grouped by the topic that holds them."""
     parts: dict[str, list[tuple[str, LogChannel]]] = {name: [] for name in TOPICS}
-    of_joints = {q: topic for topic, fields in _JOINT_FIELDS.items() for q in fields if q}
+    of_joints = {q: topic for topic, fields in _JOINT_FIELDS.items() for q in fields}
     measured = _having(plan, 'current', 'power')
     for drive, channels in plan.drives.items():
         for quantity, channel in channels.items():

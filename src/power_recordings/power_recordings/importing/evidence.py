@@ -11,7 +11,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
-from power_recordings.importing.candidates import CandidateColumn, is_mere_angle
+from power_recordings.importing.candidates import CandidateColumn, is_mere_angle, plain
 from power_recordings.importing.units import conversion
 from power_recordings.importing.words import words
 from power_recordings.quality.physics import solve, velocity_slope
@@ -39,18 +39,7 @@ _MOVED: Final = 0.2  # share of the power's variance
 
 Turned = Literal['torque', 'power', '']
 ByQuantity = Mapping[str, list[CandidateColumn]]
-
-
-@dataclass(frozen=True)
-class MeterColumns:
-    """The columns whose product is an electrical power: voltage and current, or power alone."""
-
-    parts: tuple[CandidateColumn, ...]
-
-    @property
-    def power(self) -> Floats:
-        """Power of the first rows, W [N]."""
-        return np.prod([si(part) for part in self.parts], axis=0)  # type: ignore[no-any-return]
+Meter = tuple[CandidateColumn, ...]  # voltage and current, or power: what makes it by product
 
 
 @dataclass(frozen=True)
@@ -64,7 +53,7 @@ class Choice:
     torque: CandidateColumn
     velocity: CandidateColumn
     speed_unit: str
-    meter: MeterColumns
+    meter: Meter
     slope: float
     turned: Turned
     why: str
@@ -100,9 +89,8 @@ def si(candidate: CandidateColumn, unit: str = '') -> Floats:
 
     unit: the unit to convert from, in place of the log's.
     """
-    quantity = {'winding': 'current'}.get(candidate.quantity, candidate.quantity)
     try:
-        return conversion(unit or candidate.unit, quantity)(candidate.values)
+        return conversion(unit or candidate.unit, plain(candidate.quantity))(candidate.values)
     except InputError:
         return candidate.values
 
@@ -115,11 +103,11 @@ def choose(found: ByQuantity) -> Choice | None:
     for (i, torque), (j, speed), (k, meter) in product(
         enumerate(torques), enumerate(speeds), enumerate(_meters(found))
     ):
-        lengths = {len(torque.values), len(speed.values), *(len(p.values) for p in meter.parts)}
+        lengths = {len(torque.values), len(speed.values), *(len(p.values) for p in meter)}
         if len(lengths) > 1:
             continue
         for n, unit in enumerate((speed.unit,) if speed.unit else _SPEEDS):
-            fit = _fit(meter.power, si(torque), si(speed, unit))
+            fit = _fit(_power(meter), si(torque), si(speed, unit))
             if fit is None or not _likely(fit, unit, stated=bool(speed.unit)):
                 continue
             score = fit.r2 - _RANK * (i + j + k + n + 2 * bool(fit.turned))
@@ -130,12 +118,16 @@ def choose(found: ByQuantity) -> Choice | None:
     return best
 
 
-def _meters(found: ByQuantity) -> list[MeterColumns]:
+def _power(meter: Meter) -> Floats:
+    """Power of the first rows, W [N]."""
+    return np.prod([si(part) for part in meter], axis=0)  # type: ignore[no-any-return]
+
+
+def _meters(found: ByQuantity) -> list[Meter]:
     """Pairs of voltage and current of one name, and powers; those that are in both once."""
     volts, amps = found.get('voltage', []), found.get('current', [])
-    pairs = [MeterColumns((v, i)) for i in amps[:_MOST] if (v := companion(i, volts)) is not None]
-    powers = found.get('power', [])[:_MOST]
-    return [*pairs, *(MeterColumns((p,)) for p in powers)]
+    pairs = [(v, i) for i in amps[:_MOST] if (v := companion(i, volts)) is not None]
+    return [*pairs, *((p,) for p in found.get('power', [])[:_MOST])]
 
 
 def companion(
@@ -145,17 +137,17 @@ def companion(
     return min(volts, key=lambda v: (-_likeness(v.address, current.address), v.rank), default=None)
 
 
-def metered_pair(power: CandidateColumn, found: ByQuantity) -> MeterColumns | None:
+def metered_pair(power: CandidateColumn, found: ByQuantity) -> Meter | None:
     """Return the voltage and current whose product is a power, within 2 %; None if none."""
     p = si(power)
     for current in found.get('current', []):
         volts = companion(current, found.get('voltage', []))
         if volts is None or not len(p) == len(current.values) == len(volts.values):
             continue
-        meter = MeterColumns((volts, current))
-        good = np.isfinite(p + meter.power)
-        if good.sum() > _FEWEST and np.allclose(meter.power[good], p[good], rtol=0.02, atol=0.02):
-            return meter
+        watts = _power((volts, current))
+        good = np.isfinite(p + watts)
+        if good.sum() > _FEWEST and np.allclose(watts[good], p[good], rtol=0.02, atol=0.02):
+            return volts, current
     return None
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
+from power_recordings.importing import evidence
 from power_recordings.importing.candidates import (
     ALONG_GROUND,
     MECHANICAL,
@@ -17,18 +18,7 @@ from power_recordings.importing.candidates import (
     CandidateColumn,
     candidates,
 )
-from power_recordings.importing.evidence import (
-    ByQuantity,
-    Choice,
-    best_told,
-    choose,
-    companion,
-    follows,
-    made_of_current,
-    metered_pair,
-    unit_by_rate,
-    velocity_apart_from_voltage,
-)
+from power_recordings.importing.evidence import ByQuantity, Choice
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
 from power_recordings.importing.time_guess import row_times, time_line, yaml_text
@@ -122,7 +112,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     time = row_times(found)
     made = {n or 'DRIVE': _Drive(q, shared, in_turns, along, time) for n, q in drives.items()}
     chosen = [drive.choice for drive in made.values() if drive.choice is not None]
-    best = best_told(chosen)
+    best = evidence.best_told(chosen)
     supply = _supply_lines(whole)
     bodies = {name: drive.lines(best, bool(supply)) for name, drive in made.items()}
     if len(made) == 1:
@@ -147,13 +137,13 @@ class _Drive:
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
-        own = velocity_apart_from_voltage(own)
+        own = evidence.velocity_apart_from_voltage(own)
         self._own, self._shared = own, shared
-        self.choice: Choice | None = choose(own)
+        self.choice: Choice | None = evidence.choose(own)
         winding = own.get('winding')
         if winding and not any({'current', 'power'} & set(part) for part in (own, shared)):
             amps = [replace(c, quantity='current') for c in winding]
-            self.choice = choose({**own, 'current': amps})
+            self.choice = evidence.choose({**own, 'current': amps})
         self._taken = self._take()
 
     def _take(self) -> dict[str, CandidateColumn]:
@@ -162,9 +152,9 @@ class _Drive:
             taken['motor_current' if 'torque' in taken else 'torque'] = winding[0]
         if (choice := self.choice) is not None:
             taken |= {'torque': choice.torque, 'velocity': choice.velocity}
-            parts = choice.meter.parts
-            if len(parts) == 1 and (pair := metered_pair(parts[0], self._own)) is not None:
-                parts = pair.parts
+            parts = choice.meter
+            if len(parts) == 1:
+                parts = evidence.metered_pair(parts[0], self._own) or parts
             for quantity in ('power', 'current'):
                 taken.pop(quantity, None)
             taken |= {part.quantity: part for part in parts}
@@ -182,7 +172,7 @@ class _Drive:
             taken.pop('power', None)
             volts = [*self._own.get('voltage', []), *self._shared.get('voltage', [])]
             volts.sort(key=lambda c: c.rank)
-            if (own := companion(taken['current'], volts)) is not None:
+            if (own := evidence.companion(taken['current'], volts)) is not None:
                 taken['voltage'] = own
         of_shaft = [q for q in ('efficiency', 'loss') if q in taken]
         keep = not {'current', 'power'} & set(taken) and {'torque', 'velocity'} <= set(taken)
@@ -193,19 +183,19 @@ class _Drive:
         if (
             'velocity' in taken
             and 'position' in taken
-            and not follows(taken['position'], taken['velocity'])
+            and not evidence.follows(taken['position'], taken['velocity'])
         ):
-            taken.pop('position')
+            del taken['position']
         return taken
 
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""
         current, torque, velocity = (taken.get(q) for q in ('current', 'torque', 'velocity'))
-        if current is None or torque is None or velocity is None or not current.is_vague:
+        if current is None or torque is None or velocity is None or 'motor_current' in taken:
             return
         speed = np.abs(velocity.values[np.isfinite(velocity.values)])
         changes = len(speed) and speed.std() > _CHANGES * speed.mean()
-        if 'motor_current' not in taken and changes and made_of_current(torque, [current]):
+        if current.is_vague and changes and evidence.made_of_current(torque, [current]):
             taken['motor_current'] = replace(taken.pop('current'), quantity='winding')
 
     def _other_side(self) -> list[str]:
@@ -297,7 +287,7 @@ class _Drive:
         choice = self.choice
         if choice is None or choice.turned != what:
             return False
-        return taken == choice.torque if what == 'torque' else taken in choice.meter.parts
+        return taken == choice.torque if what == 'torque' else taken in choice.meter
 
     def _speed_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         name = words(taken.address)
@@ -321,7 +311,7 @@ class _Drive:
         position, velocity = self._taken.get('position'), self._taken.get('velocity')
         if position is None or velocity is None or not (angle or speed):
             return ''
-        return unit_by_rate(self._time, position, velocity, angle, speed)
+        return evidence.unit_by_rate(self._time, position, velocity, angle, speed)
 
     def _angle_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         velocity = self._taken.get('velocity')
@@ -338,7 +328,7 @@ class _Drive:
     def _at(self, taken: CandidateColumn) -> tuple[str, str]:
         if taken.quantity == 'winding':
             return 'motor', 'a current; with its constant: scale: N*m/A, from_unit: A'
-        if (made := made_of_current(taken, self._own.get('winding', []))) is not None:
+        if (made := evidence.made_of_current(taken, self._own.get('winding', []))) is not None:
             return 'motor', f'it is {abs(made[1]):.4g} × {printable(made[0].address)}'
         name = words(taken.address)
         if re.search(_MEASURED, name) or not (said := re.search(f'{_MOTORS}|{_COMPUTED}', name)):

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice, product
 from typing import Final
 
@@ -67,52 +66,35 @@ def _fits(power: Floats, value: Floats) -> tuple[float, float] | None:
     return (nearest, r2) if r2 > _EXACT and abs(factor / nearest - 1) < _ROUND else None
 
 
-@dataclass(frozen=True)
-class EnergyCheck:
-    """Energy in J by a counter column of the log, and by the integral of the power."""
-
-    counter: str
-    counted: float
-    integral: float
-
-    @property
-    def text(self) -> str:
-        """Sentence with both energies in Wh, their ratio, and whether they agree."""
-        counted, integral = self.counted / _WATT_HOURS, self.integral / _WATT_HOURS
-        ratio = integral / counted if counted else np.inf
-        agree = (
-            'agree' if abs(ratio - 1) < _AGREES else 'do not agree: another unit, sign or drive?'
-        )
-        return (
-            f'{self.counter} counts {counted:.4g} Wh, the integral of the power is '
-            f'{integral:.4g} Wh (ratio {ratio:.3f}): they {agree}'
-        )
-
-
-def check_energy(
-    seconds: Floats, power: Floats, columns: Mapping[str, Floats]
-) -> EnergyCheck | None:
+def check_energy(seconds: Floats, power: Floats, columns: Mapping[str, Floats]) -> str:
     """Compare the integral of a power [N, W] over times [N, s] with the log's energy counter.
 
-    columns: [N] by name, in the log's units. None without a counter that advances, for times that
-    go back, or for fewer than 50 rows.
+    Returns a sentence with both energies, their ratio, and whether they agree. columns: [N] by
+    name, in the log's units. '' without a counter that advances, for times that go back, or for
+    fewer than 50 rows.
     """
     counters = {name: values for name, values in columns.items() if kind_of(name) == 'energy'}
     used = [n for n in counters if not re.search(_NOT_DRAWN, n, re.I)]
     if not used:
-        return None
+        return ''
     name = min(used, key=lambda n: (_returned(n) not in counters, len(n)))
     back = _returned(name) if _returned(name) in counters else ''
     total = counters[name] - (counters[back] if back else 0.0)
     good = np.isfinite(seconds) & np.isfinite(power) & np.isfinite(total)
     t, p, energy = seconds[good], power[good], total[good]
     if len(t) < _FEWEST or energy[-1] == energy[0] or (np.diff(t) < 0).any():
-        return None
+        return ''
     label = f'{name} − {back}' if back else name
-    joules = 'joule' in name.lower()
-    scale = 1.0 if joules else _WATT_HOURS * (1000.0 if 'kwh' in name.lower() else 1.0)
-    integral = float(np.trapezoid(p, t))
-    return EnergyCheck(label, scale * float(energy[-1] - energy[0]), integral)
+    unit = {'joule': 1.0 / _WATT_HOURS, 'kwh': 1000.0}
+    scale = next((size for word, size in unit.items() if word in name.lower()), 1.0)
+    counted = scale * float(energy[-1] - energy[0])
+    integral = float(np.trapezoid(p, t)) / _WATT_HOURS
+    ratio = integral / counted
+    agree = 'agree' if abs(ratio - 1) < _AGREES else 'do not agree: another unit, sign or drive?'
+    return (
+        f'{label} counts {counted:.4g} Wh, the integral of the power is {integral:.4g} Wh '
+        f'(ratio {ratio:.3f}): they {agree}'
+    )
 
 
 def _returned(name: str) -> str:
@@ -141,7 +123,7 @@ def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str]
     wanted = [c for c in source.columns() if c.address in {*mapped, *telling[:_COLUMNS]}]
     wanted.sort(key=lambda column: column.address not in mapped)
     columns = first_values(source, wanted, _ROWS)
-    formulas, notes = {}, []
+    formulas, notes = {}, list[str]()
     for drive, channels in metered.items():
         power, made_of = _power(channels, columns)
         if power is None:
@@ -152,8 +134,7 @@ def origin_of_power(source: LogSource, plan: ImportPlan) -> tuple[dict[str, str]
             formulas[drive] = found
         seconds = _seconds(source, plan, others)
         if len(metered) == 1 and seconds is not None:
-            energy = check_energy(seconds, power, others)
-            notes += [energy.text] if energy is not None else []
+            notes += filter(None, [check_energy(seconds, power, others)])
     return formulas, notes
 
 

@@ -296,15 +296,12 @@ def _channel(
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
+    added = signal.offset or 0.0
+    of_current = signal.scale is None and quantity == 'torque' and unit in ('A', 'mA')
+    base = conversion(unit, 'current' if of_current else quantity) if unit else Conversion()
     if signal.scale is None:
-        if quantity == 'torque' and unit in ('A', 'mA'):
-            base = conversion(unit, 'current')
-        else:
-            base = conversion(unit, quantity) if unit else Conversion()
-        return Conversion(base.factor, base.offset + (signal.offset or 0.0))
-    after = conversion(unit, quantity) if unit else Conversion()
-    offset = (signal.offset or 0.0) * after.factor + after.offset
-    return Conversion(signal.scale * after.factor, offset)
+        return Conversion(base.factor, base.offset + added)
+    return Conversion(signal.scale * base.factor, base.offset + added * base.factor)
 
 
 def _stated(column: LogColumn, quantity: str) -> str:

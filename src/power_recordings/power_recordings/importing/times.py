@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime, time, timedelta, timezone
 from itertools import pairwise
 from typing import Any, Final
 
@@ -82,8 +82,7 @@ def _is_month_first(text: str) -> bool:
 
 def _moment(text: str, month_first: bool) -> int:
     with suppress(ValueError):
-        moment = datetime.fromisoformat(text)
-        return _ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
+        return _ns(datetime.fromisoformat(text))
     found = _BOTH.fullmatch(text) or _ALONE.fullmatch(text) or _DATE_ALONE.fullmatch(text)
     if found is None:
         raise ValueError
@@ -91,19 +90,17 @@ def _moment(text: str, month_first: bool) -> int:
 
 
 def _ns(moment: datetime) -> int:
-    span = moment - _EPOCH
-    return (span.days * 86_400 + span.seconds) * 10**9 + span.microseconds * 1000
+    span = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - _EPOCH
+    return span // timedelta(microseconds=1) * 1000
 
 
 def _of_parts(parts: dict[str, str | None], month_first: bool) -> int:
     hour = int(parts.get('hour') or 0)
     if half := parts.get('half'):
         hour = hour % 12 + (12 if half in 'Pp' else 0)
-    clock = [hour, int(parts.get('minute') or 0), int(parts.get('seconds') or 0)]
-    if hour > 23 or max(clock[1:]) > 59:
-        raise ValueError
+    clock = time(hour, int(parts.get('minute') or 0), int(parts.get('seconds') or 0))
     rest = int((parts.get('rest') or '').ljust(9, '0') or 0)
-    of_day = ((clock[0] * 60 + clock[1]) * 60 + clock[2]) * 10**9 + rest
+    of_day = ((hour * 60 + clock.minute) * 60 + clock.second) * 10**9 + rest
     if not parts.get('first'):
         return of_day
     first, second, third = parts['first'] or '', parts['second'] or '', parts['third'] or ''

@@ -32,6 +32,15 @@ TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
 DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
 DRIVE_SUPPLY = 'drive_power_msgs/msg/DriveSupply'
 POWER_ESTIMATE = 'drive_power_msgs/msg/PowerEstimate'
+VECTORS: Final = {
+    IMU: (('orientation', 'xyzw'), ('angular_velocity', 'xyz'), ('linear_acceleration', 'xyz')),
+    ODOMETRY: (
+        *(('pose.pose.position', 'xyz'), ('pose.pose.orientation', 'xyzw')),
+        *(('twist.twist.linear', 'xyz'), ('twist.twist.angular', 'xyz')),
+    ),
+    TWIST_STAMPED: (('twist.linear', 'xy'), ('twist.angular', 'z')),
+}
+"""Paths and axes of the vectors in messages that hold nothing else."""
 _PACKAGE = 'drive_power_msgs'
 
 
@@ -60,6 +69,11 @@ def typestore() -> Typestore:
     for file in sorted(definitions().glob('*.msg')):
         store.register(get_types_from_msg(file.read_text(), f'{_PACKAGE}/msg/{file.stem}'))
     return store
+
+
+def vector_paths(type_name: str) -> tuple[str, ...]:
+    """Return the paths of all numbers of a type of VECTORS."""
+    return tuple(f'{path}.{axis}' for path, axes in VECTORS[type_name] for axis in axes)
 
 
 def full_type(name: str) -> str:
@@ -265,12 +279,8 @@ def imu_block(
     stamps_ns: Stamps, orientation: Floats, angular_velocity: Floats, linear_acceleration: Floats
 ) -> Bytes:
     """Encode N sensor_msgs/Imu of `base`: quaternion x y z w [N, 4], rad/s and m/s² [N, 3]."""
-    columns = {
-        **_vector('orientation', 'xyzw', orientation),
-        **_vector('angular_velocity', 'xyz', angular_velocity),
-        **_vector('linear_acceleration', 'xyz', linear_acceleration),
-    }
-    return encode_block(IMU, stamps_ns, columns, header={'frame_id': 'base'})
+    values = (orientation, angular_velocity, linear_acceleration)
+    return encode_block(IMU, stamps_ns, _by_axis(IMU, *values), header={'frame_id': 'base'})
 
 
 def odometry_block(
@@ -284,29 +294,20 @@ def odometry_block(
 
     m, m/s and rad/s [N, 3]; quaternion x y z w [N, 4].
     """
-    columns = {
-        **_vector('pose.pose.position', 'xyz', position),
-        **_vector('pose.pose.orientation', 'xyzw', orientation),
-        **_vector('twist.twist.linear', 'xyz', linear_velocity),
-        **_vector('twist.twist.angular', 'xyz', angular_velocity),
-    }
+    columns = _by_axis(ODOMETRY, position, orientation, linear_velocity, angular_velocity)
     frames: dict[str, Any] = {'header': {'frame_id': 'odom'}, 'child_frame_id': 'base'}
     return encode_block(ODOMETRY, stamps_ns, columns, **frames)
 
 
 def twist_block(stamps_ns: Stamps, velocity: Floats) -> Bytes:
     """Encode N geometry_msgs/TwistStamped of `base`, [N, 3]: vx, vy m/s, yaw rate rad/s."""
-    columns = {
-        'twist.linear.x': velocity[:, 0],
-        'twist.linear.y': velocity[:, 1],
-        'twist.angular.z': velocity[:, 2],
-    }
+    columns = _by_axis(TWIST_STAMPED, velocity[:, :2], velocity[:, 2:])
     return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': 'base'})
 
 
-def _vector(path: str, axes: str, values: Floats) -> dict[str, Floats]:
-    columns = np.asarray(values).reshape(-1, len(axes)).T
-    return {f'{path}.{axis}': column for axis, column in zip(axes, columns, strict=True)}
+def _by_axis(type_name: str, *vectors: Floats) -> dict[str, Floats]:
+    """Return the columns of a type of VECTORS by path, from one array [N, axes] a vector."""
+    return dict(zip(vector_paths(type_name), np.hstack(vectors).T, strict=True))
 
 
 _LARGEST: Final = 128 << 10  # bytes of a definition without blank lines

@@ -14,14 +14,8 @@ from wattwalk_core.arrays import Bools
 Bytes = NDArray[np.uint8]
 
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
-_DTYPES = {
-    'bool': 'u1',
-    'byte': 'u1',
-    'octet': 'u1',
-    'char': 'u1',
-    'float32': 'f4',
-    'float64': 'f8',
-}
+_DTYPES = dict.fromkeys(('bool', 'byte', 'octet', 'char'), 'u1')
+_DTYPES |= {'float32': 'f4', 'float64': 'f8'}
 _DTYPES |= {f'{sign}int{8 * n}': f'{sign or "i"}{n}' for sign in ('', 'u') for n in (1, 2, 4, 8)}
 _MOST_FIELDS = 50_000
 _LONGEST_TEXT = 4096  # bytes

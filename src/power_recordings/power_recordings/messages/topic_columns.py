@@ -162,10 +162,8 @@ class Columns:
         """
         own = block.strings('name')
         values = block.columns[path]
-        if values.dtype.kind == 'f':
-            result = np.full((len(values) * per_message, len(names)), np.nan, values.dtype)
-        else:
-            result = np.zeros((len(values) * per_message, len(names)), values.dtype)
+        missing = np.nan if values.dtype.kind == 'f' else 0
+        result = np.full((len(values) * per_message, len(names)), missing, values.dtype)
         if not values.shape[1]:
             return result
         if values.shape[1] != len(own) * per_message:

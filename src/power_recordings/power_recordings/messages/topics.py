@@ -34,14 +34,14 @@ class Kind:
     build: Callable[[Columns], Samples]
 
 
-def _vectors(type_name: str, samples: Callable[..., Samples], *fields: tuple[str, str]) -> Kind:
-    """Return the kind of messages of vectors, each by its path and its axes."""
+def _vectors(type_name: str, samples: Callable[..., Samples]) -> Kind:
+    """Return the kind of messages of vectors, which `cdr.VECTORS` lists."""
 
     def build(columns: Columns) -> Samples:
-        return samples(columns.stamps(), *(columns.vector(path, axes) for path, axes in fields))
+        vectors = (columns.vector(path, axes) for path, axes in cdr.VECTORS[type_name])
+        return samples(columns.stamps(), *vectors)
 
-    paths = tuple(f'{path}.{axis}' for path, axes in fields for axis in axes)
-    return Kind(type_name, paths, build)
+    return Kind(type_name, cdr.vector_paths(type_name), build)
 
 
 def _by_name(samples: Callable[..., Samples], *fields: str) -> Kind:
@@ -99,7 +99,7 @@ def _estimates(columns: Columns) -> EstimateSamples:
 
 
 _DRIVES = ('sequence', 'device_time', 'voltage', 'current', 'temperature', 'status')
-_TWIST = ('twist.linear.x', 'twist.linear.y', 'twist.angular.z')
+_TWIST = cdr.vector_paths(cdr.TWIST_STAMPED)
 _JOINTS = _by_name(JointSamples, 'position', 'velocity', 'effort')
 
 KINDS: Mapping[str, Kind] = {
@@ -108,17 +108,8 @@ KINDS: Mapping[str, Kind] = {
     'joint_commands': _JOINTS,
     'supply': Kind(cdr.BATTERY_STATE, ('voltage', 'current'), _supply),
     'power_estimate': Kind(cdr.POWER_ESTIMATE, ('power', 'total', 'status'), _estimates),
-    'imu': _vectors(
-        cdr.IMU,
-        ImuSamples,
-        *(('orientation', 'xyzw'), ('angular_velocity', 'xyz'), ('linear_acceleration', 'xyz')),
-    ),
-    'odom': _vectors(
-        cdr.ODOMETRY,
-        OdomSamples,
-        *(('pose.pose.position', 'xyz'), ('pose.pose.orientation', 'xyzw')),
-        *(('twist.twist.linear', 'xyz'), ('twist.twist.angular', 'xyz')),
-    ),
+    'imu': _vectors(cdr.IMU, ImuSamples),
+    'odom': _vectors(cdr.ODOMETRY, OdomSamples),
     'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
     'motor_current': _by_name(MotorCurrentSamples, 'effort'),
     'motor_temperature': _by_name(MotorTemperatureSamples, 'effort'),

@@ -14,30 +14,9 @@ from power_recordings.messages.samples import (
     JointSamples,
     SupplySamples,
 )
-from power_recordings.quality import physics
-from power_recordings.quality.findings import (
-    Finding,
-    Severity,
-    clock_findings,
-    computed_findings,
-    constant_voltage,
-    drive_findings,
-    judged,
-    loss_findings,
-    power_finding,
-    velocity_finding,
-)
-from power_recordings.quality.streams import (
-    LEAST_UPDATES,
-    SampleLoss,
-    Timing,
-    clipped,
-    frozen,
-    sample_loss,
-    timing,
-    updates,
-    values_at,
-)
+from power_recordings.quality import findings, physics, streams
+from power_recordings.quality.findings import Finding, Severity
+from power_recordings.quality.streams import LEAST_UPDATES, SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
 _FEWEST = 20  # samples
@@ -107,39 +86,33 @@ class Quality:
 @np.errstate(all='ignore')
 def check_recording(recording: Recording) -> Quality:
     """Check a recording; InputError where a topic is there but cannot be read."""
-    recording, topics = recording.whole(), {}
+    recording = recording.whole()
+    topics, lost = {}, {}
     for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
         if recording.has(name):
-            topics[name] = timing(getattr(recording, name)().stamp_ns)
-    lost = {
-        n: sample_loss(recording.drive_supply().sequence) for n in topics if n == 'drive_supply'
-    }
+            topics[name] = streams.timing(getattr(recording, name)().stamp_ns)
+    if 'drive_supply' in topics:
+        lost['drive_supply'] = streams.sample_loss(recording.drive_supply().sequence)
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
     supply, robot = checker.supply(), checker.robot(drives)
-    return Quality(
-        recording.duration,
-        topics,
-        drives,
-        dict(recording.card.torque),
-        judged(
-            (
-                *clock_findings(recording, topics),
-                *loss_findings(lost, topics),
-                *checker.findings,
-                *computed_findings(recording.card),
-            ),
-            recording.card.steady,
+    card = recording.card
+    found = findings.judged(
+        (
+            *findings.clock_findings(recording, topics),
+            *findings.loss_findings(lost, topics),
+            *checker.findings,
+            *findings.computed_findings(card),
         ),
-        supply,
-        robot,
-        lost,
+        card.steady,
     )
+    torque_at = dict(card.torque)
+    return Quality(recording.duration, topics, drives, torque_at, found, supply, robot, lost)
 
 
 class _Checker:
     def __init__(self, recording: Recording) -> None:
-        self._recording = recording
+        self._recording, self._card = recording, recording.card
         self.findings: list[Finding] = []
         self._joints: JointSamples | None = None
         self._electric: DriveSamples | None = None
@@ -166,7 +139,7 @@ class _Checker:
         slope = self._velocity(name, time, position, velocity)
         known = len(time) > 0 and rate >= LEAST_UPDATES
         motion = (time, torque, velocity)
-        agree = slope == slope or name in self._recording.card.derived_velocity
+        agree = slope == slope or name in self._card.derived_velocity
         balance = self._power(name, power, motion, agree) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
@@ -195,14 +168,14 @@ class _Checker:
             getattr(joints, f)[:, column].astype(float) for f in ('position', 'velocity', 'effort')
         )
         for quantity, values in (('velocity', velocity), ('torque', torque)):
-            share = clipped(values.astype(np.float32))
+            share = streams.clipped(values.astype(np.float32))
             if share > _CLIPPED:
                 text = f'{quantity} stands at an extreme value in {share:.0%} of samples: clipped?'
                 self._find('clipped', 'warning', name, text)
         speed = np.nan_to_num(np.abs(velocity))
         moving = speed > max(0.2 * float(np.percentile(speed, 95)), 1e-6)
         for quantity, values in (('position', position), ('torque', torque)):
-            stuck = frozen(joints.stamp_ns, values.astype(np.float32), moving)
+            stuck = streams.frozen(joints.stamp_ns, values.astype(np.float32), moving)
             if stuck > _FROZEN and np.nanmax(values) > np.nanmin(values):
                 text = f'{quantity} is constant for {stuck:.1f} s in motion'
                 self._find('frozen', 'warning', name, text)
@@ -215,7 +188,7 @@ class _Checker:
             return np.nan, np.full(len(time), np.nan)
         column = electric.names.index(name)
         power = electric.power[:, column]
-        metered = self._recording.card.metered(name) or 'power'
+        metered = self._card.metered(name) or 'power'
         for quantity, most in _MOST.items():
             values = getattr(electric, quantity)[:, column]
             largest = float(np.nanmax(np.abs(values), initial=0.0))
@@ -223,16 +196,16 @@ class _Checker:
                 if (quantity, metered) == ('current', 'power'):
                     quantity, largest = metered, float(np.nanmax(np.abs(power)))
                 unit = {'voltage': 'V', 'current': 'A', 'power': 'W'}[quantity]
-                given = self._recording.card.unit_of(name, quantity) == f'm{unit}'
+                given = self._card.unit_of(name, quantity) == f'm{unit}'
                 text = f'{quantity} reaches {largest:.4g} {unit}: ' + ('µ' if given else 'm')
                 mend = '' if given else f'{quantity}: {{unit: m{unit}}}'
                 self._find('units', 'error', name, f'{text}{unit}?', mend)
-        volts = constant_voltage(name, electric.voltage[:, column])
-        if volts is not None and not self._recording.card.lacks(name, 'current'):
+        volts = findings.constant_voltage(name, electric.voltage[:, column])
+        if volts is not None and not self._card.lacks(name, 'current'):
             self.findings.append(volts)
-        rate = float(updates(electric.stamp_ns, power[:, None])[0])
+        rate = float(streams.updates(electric.stamp_ns, power[:, None])[0])
         self._slow(rate, name, 'its', ' of a joint')
-        share = clipped(electric.current[:, column])
+        share = streams.clipped(electric.current[:, column])
         if share > _CLIPPED:
             self._find(
                 'clipped', 'warning', name, f'{metered} is clipped in {share:.0%} of samples'
@@ -241,11 +214,11 @@ class _Checker:
             stamps = electric.stamp_ns - self._joints.stamp_ns[0]
             speed = np.interp(stamps / 1e9, time, np.nan_to_num(np.abs(velocity)))
             moving = speed > 0.2 * np.percentile(speed, 95)
-            stuck = frozen(electric.stamp_ns, power, moving & (speed > 0))
+            stuck = streams.frozen(electric.stamp_ns, power, moving & (speed > 0))
             if stuck > _FROZEN and rate >= LEAST_UPDATES:
                 text = f'its power is constant for {stuck:.1f} s in motion'
                 self._find('frozen', 'warning', name, text)
-            return rate, values_at(electric.stamp_ns, power, self._joints.stamp_ns)
+            return rate, streams.values_at(electric.stamp_ns, power, self._joints.stamp_ns)
         return rate, np.full(len(time), np.nan)
 
     def _slow(self, rate: float, drive: str, whose: str, of: str) -> None:
@@ -258,8 +231,7 @@ class _Checker:
             self._find('slow_power', 'error', drive, text)
 
     def _velocity(self, name: str, time: Floats, position: Floats, velocity: Floats) -> float:
-        card = self._recording.card
-        if not len(time) or card.steady or name in card.derived_velocity:
+        if not len(time) or self._card.steady or name in self._card.derived_velocity:
             return np.nan  # between operating points no position moves
         if stands_still(position) and np.nanmax(np.abs(position), initial=0.0) > 0.0:
             within = np.abs(position - np.nanmedian(position)) < _STILL
@@ -269,7 +241,7 @@ class _Checker:
         if found is None or abs(found.correlation) < least:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
-            self.findings.append(velocity_finding(name, found.slope, card))
+            self.findings.append(findings.velocity_finding(name, found.slope, self._card))
         return found.slope
 
     def _power(
@@ -287,8 +259,8 @@ class _Checker:
             mend = 'torque: {from: …, unit: A, at: motor}'
             self._find('torque_unrelated', 'warning', name, text, mend)
         balance = physics.power_balance(power, torque, velocity, physics.rate_of(time, torque))
-        if self._recording.card.torque_unit.get(name) != 'A':
-            self._add([power_finding(name, balance, self._recording.card, agree)])
+        if self._card.torque_unit.get(name) != 'A':
+            self._add([findings.power_finding(name, balance, self._card, agree)])
         return balance
 
     def _add(self, found: Sequence[Finding | None]) -> None:
@@ -308,12 +280,12 @@ class _Checker:
             worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
         if mean < 0 and worked > _GENERATES * mean:
             text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
-            mend = self._recording.card.turned_meter('')
+            mend = self._card.turned_meter('')
             self._find('supply_sign', 'error', '', text, mend)
         signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
         if (supply.voltage == UNKNOWN_VOLTAGE).all():
             signals = {'power': supply.power}
-        found = updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
+        found = streams.updates(supply.stamp_ns, np.stack([*signals.values()], axis=1)).tolist()
         rates = dict(zip(signals, found, strict=True))
         if self._electric is None:
             self._slow(rates['power'], '', "the robot's", '')
@@ -329,10 +301,10 @@ class _Checker:
         if self._electric is not None or joints is None or not self._recording.has('supply'):
             return None
         supply = self._recording.supply()
-        units = self._recording.card.torque_unit
+        units = self._card.torque_unit
         if min(len(supply), len(joints)) < _FEWEST or 'A' in units.values():
             return None
-        power = values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
+        power = streams.values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
         rate = physics.rate_of((joints.stamp_ns - joints.stamp_ns[0]) / 1e9, motion[0])
         balance = physics.power_balance(power, *motion, rate)
@@ -342,14 +314,14 @@ class _Checker:
                 drives[name] = replace(drives[name], power_slope=slope, power_share=share)
         if 'supply_sign' not in known:
             agree = all(drive.velocity_slope == drive.velocity_slope for drive in drives.values())
-            own = drive_findings(joints.names, apart, self._recording.card) if apart else []
-            self._add(own or [power_finding('', balance, self._recording.card, agree)])
+            own = findings.drive_findings(joints.names, apart, self._card) if apart else []
+            self._add(own or [findings.power_finding('', balance, self._card, agree)])
         return balance
 
     def _line(self, supply: SupplySamples) -> tuple[float, float, float]:
         if self._electric is None or len(self._electric.names) < len(self.names):
             return (np.nan,) * 3
-        drawn = values_at(
+        drawn = streams.values_at(
             self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns
         )
         good = np.isfinite(drawn) & np.isfinite(supply.power)

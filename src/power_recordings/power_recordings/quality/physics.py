@@ -1,6 +1,7 @@
 """Units and signs checked by physics: consistency of power, torque, speed and position."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -209,15 +210,10 @@ def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, f
     if any(high <= low for low, high in box):
         return 0.0, 0.0
     counts, *_ = np.histogram2d(torque, velocity, cells, [tuple(b) for b in box])
-    still = 0.02 * np.percentile(np.abs(velocity), 99)
-    quadrants = [
-        float(
-            np.mean((np.sign(torque) == a) & (np.sign(velocity) == b) & (np.abs(velocity) > still))
-        )
-        for a in (-1, 1)
-        for b in (-1, 1)
-    ]
-    return float((counts > 0).mean()), sum(q > 0.02 for q in quadrants) / 4
+    moving = np.abs(velocity) > 0.02 * np.percentile(np.abs(velocity), 99)
+    quadrants = product((torque < 0, torque > 0), (velocity < 0, velocity > 0))
+    visited = sum(float(np.mean(one & other & moving)) > 0.02 for one, other in quadrants)
+    return float((counts > 0).mean()), visited / 4
 
 
 def _known(power: Floats, *motion: Floats) -> list[Floats]:

@@ -173,10 +173,7 @@ class Recording:
         if not self._let_go:
             return self
         again = type(self).open(self.path)
-        if (again.start_ns, again.end_ns, again.topics) != (
-            *(self.start_ns, self.end_ns),
-            self.topics,
-        ):
+        if any(getattr(again, n) != getattr(self, n) for n in ('start_ns', 'end_ns', 'topics')):
             raise InputError(f'{self.path} has changed since it was read; open it anew')
         return again
 

@@ -49,17 +49,13 @@ def decoded(raw: bytes, whole: bool) -> tuple[list[str], str, int]:
     """
     mark, encoding = next(((m, e) for m, e in _MARKS if raw.startswith(m)), (b'', ''))
     raw = raw[len(mark) :]
-    text = None
-    for name in (encoding,) if encoding.startswith('utf-16') else ('utf8', 'gb18030'):
-        if name == 'gb18030' and not _in_pairs(raw):
-            continue
-        try:
-            text, encoding = codecs.getincrementaldecoder(name)().decode(raw), name
+    likely = ['utf8', 'gb18030'] if _in_pairs(raw) else ['utf8']
+    if encoding.startswith('utf-16'):
+        likely = [encoding]
+    for encoding in (*likely, 'latin-1'):  # the last of which decodes anything
+        with suppress(UnicodeDecodeError):
+            text = codecs.getincrementaldecoder(encoding)().decode(raw)
             break
-        except UnicodeDecodeError:
-            continue
-    if text is None:
-        text, encoding = raw.decode('latin-1'), 'latin-1'
     if not whole:
         text = text[: max(text.rfind('\n'), text.rfind('\r')) + 1]
     return _LINE.findall(text), encoding, len(mark)
