@@ -158,13 +158,12 @@ class Structure:
     def with_discrepancies(self) -> 'Structure':
         """Return the structure with the discrepancy of each effect that has one, see `Effect`."""
         found = [(active, discrepancy_of(active.effect)) for active in self.actives]
-        return self.plus(
-            *(
-                replace(active, effect=effect)
-                for active, effect in found
-                if effect is not None and effect.name not in self.names
-            )
-        )
+        new = [
+            replace(active, effect=effect)
+            for active, effect in found
+            if effect is not None and effect.name not in self.names
+        ]
+        return self.plus(*new)
 
     def columns_of(self, name: str) -> list[int]:
         """Return the indices of an effect's columns; none for a name that is not there."""
@@ -209,16 +208,12 @@ class BasePower:
 Source = Callable[[Active, Signals], Floats]
 
 
-def _fresh(active: Active, signals: Signals) -> Floats:
-    return active.columns(signals)
-
-
 def estimates(
     structure: Structure,
     coefficients: Floats,
     signals: Signals,
     base: BasePower | None = None,
-    source: Source = _fresh,
+    source: Source = Active.columns,
 ) -> Signals:
     """Return the signals with the model's estimates of motor motion, torque and drawn power.
 
