@@ -25,7 +25,6 @@ from power_estimator.judge.held_out import (
     HeldOutPower,
     held_out_rows,
     knows,
-    names_without_power,
     power_on,
     power_under,
 )
@@ -104,9 +103,9 @@ class HeldOutEstimator:
         return Folds.of(blocks, self.settings.fit, by_recording=False)
 
     def material(
-        self, base: Singles | None, per: str = 'type', least: float = LEAST_TO_FIT
+        self, base: HeldOutPower | None, per: str = 'type', least: float = LEAST_TO_FIT
     ) -> Material:
-        """Return signals for a fit of effects on a base model's power W [T, D], None for no base.
+        """Return signals for a fit of effects on a base model's power, None for no base.
 
         per: `type` or `drive`; least: s or, if windows are longer than 1 s, number of windows.
         """
@@ -114,7 +113,7 @@ class HeldOutEstimator:
         return material(
             self.recordings.data,
             per=per,
-            base=base,
+            base=None if base is None else base.power,
             catalogue=self.catalogue,
             least=max(least, least * window),
             window=window,
@@ -150,8 +149,10 @@ class HeldOutEstimator:
     ) -> HeldOut:
         """An estimate [N, M] with the best delay of each recording taken out."""
         if not np.isfinite(estimated).any():
-            lacking = names_without_power(power, self.prepared.signals.names)
-            raise InputError(f'{name} lacks the power of {", ".join(lacking)}')
+            known = np.isfinite(power).any(axis=0)
+            names = zip(self.prepared.signals.names, known, strict=True)
+            lacking = ', '.join(drive for drive, has_power in names if not has_power)
+            raise InputError(f'{name} lacks the power of {lacking}')
         prepared = self.prepared
         measured, delays = prepared.power_at(0.0), []
         for index in range(len(prepared.recordings)):
@@ -290,7 +291,7 @@ class HeldOutEstimator:
     def _refitted(self, model: EffectModel) -> HeldOut:
         """Refitted fold by fold, with errors of measurement of each recording's own."""
         base = self._base(model, rescaled=True)
-        own = self.material(None if base is None else base.power)
+        own = self.material(base)
         if model.groups and not own.prepared.whole:
             own = replace(own, types=tuple(group.type for group in model.groups))
         structure = own.structure(model.structure.actives)
