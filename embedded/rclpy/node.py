@@ -1,6 +1,6 @@
 """Nodes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
@@ -22,6 +22,11 @@ from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 from rclpy.timer import Timer
 from rclpy.utilities import get_default_context
+
+
+def _every(kind: type, text: str) -> property:
+    """Make a property of a node: an iterator over its entities of a kind."""
+    return property(lambda node: iter(list(node._entities[kind])), doc=text)
 
 
 class Node(Parameters):
@@ -94,30 +99,11 @@ class Node(Parameters):
         if new_executor is not None:
             new_executor.add_node(self)
 
-    @property
-    def publishers(self) -> Iterator[Publisher]:
-        """Publishers of the node."""
-        return iter(list(self._entities[Publisher]))
-
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions of the node."""
-        return iter(list(self._entities[Subscription]))
-
-    @property
-    def clients(self) -> Iterator[Client]:
-        """Service clients of the node."""
-        return iter(list(self._entities[Client]))
-
-    @property
-    def services(self) -> Iterator[Service]:
-        """Service servers of the node."""
-        return iter(list(self._entities[Service]))
-
-    @property
-    def timers(self) -> Iterator[Timer]:
-        """Timers of the node."""
-        return iter(list(self._entities[Timer]))
+    publishers = _every(Publisher, 'Publishers of the node.')
+    subscriptions = _every(Subscription, 'Subscriptions of the node.')
+    clients = _every(Client, 'Service clients of the node.')
+    services = _every(Service, 'Service servers of the node.')
+    timers = _every(Timer, 'Timers of the node.')
 
     def get_name(self) -> str:
         """Return the name without namespace."""

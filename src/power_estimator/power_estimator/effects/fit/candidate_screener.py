@@ -252,7 +252,8 @@ class CandidateScreener:
         width = max(len(trial.columns) for trial in trials)
         empty = self._empty
         pick = np.array([[*t.columns, *[empty] * (width - len(t.columns))] for t in trials])
-        near = np.stack([_padded(trial.solution, width) for trial in trials])[:, None]
+        solutions = [trial.solution for trial in trials]
+        near = np.stack([np.pad(x, ((0, 0), (0, width - x.shape[1]))) for x in solutions])[:, None]
         places = np.array([trial.place for trial in trials])
         gram = self._gram[1:][:, :, pick[:, :, None], pick[:, None, :]]  # [F, D, n, m, m]
         gram = summed(gram.transpose(2, 0, 1, 3, 4), self.fitter.groups, 2)
@@ -285,10 +286,6 @@ class CandidateScreener:
 
         for_each(fill, range(drives))
         return out
-
-
-def _padded(values: Floats, width: int) -> Floats:
-    return np.pad(values, ((0, 0), (0, width - values.shape[1])))
 
 
 def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:

@@ -29,6 +29,10 @@ _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 _MOVING = 0.05  # rad/s
 _MOST_TRAVEL = 4 * np.pi  # rad, of a joint
+_STATE = (
+    *('torque', 'velocity', 'acceleration', 'position', 'torque_rate'),
+    *('voltage', 'temperature'),
+)
 _RELATED = 0.8  # correlation of velocity and the rate of position, where one is the other's
 
 
@@ -170,27 +174,29 @@ class Prepared:
         return self.reducer.reduce(values)
 
     def state(self) -> dict[str, Floats]:
-        """Return reduced joint signals by name, SI units [N, D], to show where a model fails."""
-        s = self.signals
-        return {
-            name: self.reduced(values)
-            for name, values in (
-                ('torque', s.torque),
-                ('velocity', s.velocity),
-                ('acceleration', s.acceleration),
-                ('position', self._position),
-                ('torque_rate', s.torque_rate),
-                ('voltage', s.voltage),
-                ('temperature', s.temperature),
-            )
-        }
+        """Return reduced joint signals by name, SI units [N, D], to show where a model fails.
 
-    @property
-    def _position(self) -> Floats:
-        """Rad [T, D]; of a drive that turns on, within its turn."""
+        The position of a drive that turns on is that within its turn.
+        """
         position = self.signals.position
         turns = np.nan_to_num(np.ptp(position, axis=0)) > _MOST_TRAVEL
-        return np.where(turns, np.mod(position, 2 * np.pi), position)
+        within_turn = np.where(turns, np.mod(position, 2 * np.pi), position)
+        shown = replace(self.signals, position=within_turn)
+        return {name: self.reduced(getattr(shown, name)) for name in _STATE}
+
+    def at_rows(
+        self, rows: NDArray[np.intp], reducer: Reducer, signals: Signals, part: SignalPart | None
+    ) -> 'Prepared':
+        """Return some of the rows, which a reducer makes of signals; part: of whole recordings."""
+        return replace(
+            self,
+            signals=signals,
+            reducer=reducer,
+            power=self.power[:, rows],
+            time=self.time[rows],
+            recording=self.recording[rows],
+            part=part,
+        )
 
 
 def _columns(values: Singles) -> Floats:
