@@ -187,9 +187,6 @@ class SingleThreadedExecutor:
                 return
 
 
-Executor = SingleThreadedExecutor
-
-
 def _deadline(timeout_sec: float | None) -> int | None:
     if timeout_sec is None or timeout_sec < 0:
         return None

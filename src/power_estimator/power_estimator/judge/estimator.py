@@ -129,7 +129,10 @@ class HeldOutEstimator:
         if isinstance(model, EffectModel):
             return self._effects(model)
         if isinstance(model, Proxy):
-            return self._proxy(model)
+            power = self._unscaled(model)
+            signal = self._metered(power)
+            estimated = signal * self._factors(model, signal)
+            return self._predicted(estimated, model.name, power, CROSS_VALIDATED)
         power = power_on(self.recordings, model)
         if not np.isfinite(power).any():
             raise InputError(f'{name} says nothing about {", ".join(self.recordings.data.names)}')
@@ -187,13 +190,6 @@ class HeldOutEstimator:
             raise InputError('the recording has samples without position, velocity or torque')
         reduced = self.prepared.reduced(np.asarray(power, dtype=np.float64))
         return reduced.sum(axis=1, keepdims=True) if self.prepared.whole else reduced
-
-    def _proxy(self, proxy: Proxy) -> HeldOut:
-        """Scaled by drive type on the folds that are not judged."""
-        power = self._unscaled(proxy)
-        signal = self._metered(power)
-        estimated = signal * self._factors(proxy, signal)
-        return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
 
     def _unscaled(self, proxy: Proxy) -> Singles:
         """A proxy's signal on all samples [T, D]."""
