@@ -159,10 +159,3 @@ class Context:
             if self._graph is not None:
                 self._graph.close()
             self._graph = self._participant = None
-
-    def __enter__(self) -> 'Context':
-        self.init()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.try_shutdown()

@@ -39,7 +39,6 @@ class Node(Parameters):
         context: Context | None = None,
         cli_args: list[str] | None = None,
         namespace: str | None = None,
-        use_global_arguments: bool = True,
         start_parameter_services: bool = True,
         parameter_overrides: list[Parameter] | None = None,
     ):
@@ -47,10 +46,9 @@ class Node(Parameters):
         if not self._context.ok():
             raise NotInitializedException('cannot create node')
         own = arguments.parse(['--ros-args', *(cli_args or [])])
-        if use_global_arguments:
-            shared = self._context.arguments
-            own.remaps += shared.remaps
-            own.parameters = shared.parameters + own.parameters
+        shared = self._context.arguments
+        own.remaps += shared.remaps
+        own.parameters = shared.parameters + own.parameters
         self._arguments = own
         self._set_names(node_name, namespace or '')
         given = own.overrides(self.get_fully_qualified_name())
