@@ -167,7 +167,7 @@ class Node(Parameters):
 
     def _alive(self) -> None:
         if self._destroyed:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         if not self._context.ok():
             raise NotInitializedException("the node's context is invalid")
 

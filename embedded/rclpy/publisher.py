@@ -77,7 +77,7 @@ class Publisher:
 
     def _alive(self) -> Any:
         if self._writer is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         return self._writer
 
     def _events(self) -> list[tuple[Any, Any]]:

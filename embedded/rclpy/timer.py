@@ -43,7 +43,7 @@ class Timer:
 
     def _changed(self) -> None:
         if self._destroyed:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         if self._wake is not None:
             self._wake()
 

@@ -113,7 +113,7 @@ class ServiceEntity:
 
     def _alive(self) -> ServiceEnd:
         if self._end is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         return self._end
 
     def _conditions(self) -> list[tuple[Any, Any]]:

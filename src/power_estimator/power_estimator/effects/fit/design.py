@@ -95,6 +95,11 @@ class Structure:
         return tuple(active for active in self.actives if active.effect.fixed is None)
 
     @property
+    def terms(self) -> list[Term]:
+        """Terms of the m columns."""
+        return [term for active in self.free for term in active.effect.terms]
+
+    @property
     def labels(self) -> tuple[tuple[str, int], ...]:
         """Name of the effect and index of its term for each of the m columns."""
         return tuple(
@@ -106,10 +111,9 @@ class Structure:
 
         A discrepancy is bounded by a share of its effect's coefficient in coefficients [D, m].
         """
-        terms = [term for active in self.free for term in active.effect.terms]
         factors = self._factors(scale)
-        lower = np.array([term.lower for term in terms]) * factors
-        upper = np.array([term.upper for term in terms]) * factors
+        lower = np.array([term.lower for term in self.terms]) * factors
+        upper = np.array([term.upper for term in self.terms]) * factors
         for active in self.free:
             if active.effect.kind == 'discrepancy':
                 column = self.columns_of(active.name)[0]
@@ -121,8 +125,7 @@ class Structure:
 
     def priors(self, scale: DriveScale) -> Floats:
         """Return standard deviations of priors around 0 [D, m], infinite without a prior."""
-        terms = [term for active in self.free for term in active.effect.terms]
-        return np.array([term.prior for term in terms]) * self._factors(scale)
+        return np.array([term.prior for term in self.terms]) * self._factors(scale)
 
     def expected(self, prior: Prior) -> tuple[Floats, Floats]:
         """Return expected value and standard deviation [m], which is infinite without a prior."""

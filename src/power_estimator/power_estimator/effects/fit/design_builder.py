@@ -51,18 +51,12 @@ class Kept(Generic[Value]):
     def put(self, key: Hashable, value: Value, size: int) -> None:
         """Keep a value of `size` bytes; those used least recently go for it."""
         with self._lock:
-            self.drop(key)
+            _, before = self._values.pop(key, (None, 0))
             self._values[key] = (value, size)
-            self._used += size
+            self._used += size - before
             while self._used > self._budget and len(self._values) > 1:
                 _, (_, freed) = self._values.popitem(last=False)
                 self._used -= freed
-
-    def drop(self, key: Hashable) -> None:
-        """Remove the value of a key, if it is kept."""
-        with self._lock:
-            if key in self._values:
-                self._used -= self._values.pop(key)[1]
 
 
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient

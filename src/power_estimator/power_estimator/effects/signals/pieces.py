@@ -55,8 +55,8 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
     counts = [part.stop - part.start for part in shorter.stretches()]
     rows, kept = _joined(starts, sizes), _joined(reduced, counts)
     segment = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
-    part = SignalPart(rows, kept, len(prepared.time))
-    return prepared.at_rows(kept, shorter, prepared.signals.rows(rows, segment), part)
+    places = SignalPart(rows, kept, len(prepared.time))
+    return prepared.at_rows(kept, shorter, prepared.signals.rows(rows, segment), places)
 
 
 def _shares(lengths: Sequence[int], budget: float) -> Floats:
