@@ -263,13 +263,6 @@ class EffectModel:
         """Kept, since a live estimate asks for the same drives with each block of samples."""
         return {}
 
-    def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
-        """Return a group's coefficients of an effect; fixed ones have an interval of width 0."""
-        found = next(active for active in self.structure.actives if active.name == effect)
-        if found.effect.fixed is not None:
-            return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
-        return group.coefficients[effect]
-
     def coefficients(self, members: Sequence[DriveGroup]) -> Floats:
         """Return the coefficients [D, m] of the effects for the group of each of D drives.
 
