@@ -14,12 +14,7 @@ from rclpy.signals import (
     uninstall_signal_handlers,
 )
 from rclpy.task import Future
-from rclpy.utilities import (
-    get_default_context,
-    get_rmw_implementation_identifier,
-    ok,
-    try_shutdown,
-)
+from rclpy.utilities import get_default_context, ok, try_shutdown
 from rclpy.utilities import shutdown as _shutdown
 
 __all__ = [
@@ -27,7 +22,6 @@ __all__ = [
     'create_node',
     'get_default_context',
     'get_global_executor',
-    'get_rmw_implementation_identifier',
     'init',
     'ok',
     'shutdown',
@@ -83,11 +77,11 @@ def init(
     return InitContextManager(chosen, signal_handler_options is not SignalHandlerOptions.NO)
 
 
-def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+def shutdown(*, context: Context | None = None) -> None:
     """Shut a context down; raise RuntimeError where it was not started."""
     default = get_default_context()
     _shutdown(context=context)
-    if uninstall_handlers or (uninstall_handlers is None and context in (None, default)):
+    if context in (None, default):
         uninstall_signal_handlers()
 
 

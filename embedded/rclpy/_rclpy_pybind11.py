@@ -15,3 +15,6 @@ class UnknownROSArgsError(RuntimeError):
 
 class InvalidHandle(Exception):  # noqa: N818
     """Raised when an entity is used after it was destroyed."""
+
+    def __init__(self) -> None:
+        super().__init__('cannot use Destroyable because destruction was requested')

@@ -12,10 +12,8 @@ from rclpy.task import Future
 class Client(ServiceEntity):
     """Client of a service, which sends requests."""
 
-    def __init__(
-        self, node: Any, srv_type: Any, srv_name: str, callback_group: Any, qos_profile: QoSProfile
-    ):
-        super().__init__(node, srv_type, srv_name, callback_group, qos_profile, False)
+    def __init__(self, node: Any, srv_type: Any, srv_name: str, qos_profile: QoSProfile):
+        super().__init__(node, srv_type, srv_name, qos_profile, False)
         self._pending: dict[int, Future] = {}
         self._lock = threading.Lock()
 

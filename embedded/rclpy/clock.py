@@ -49,13 +49,8 @@ class ROSClock(Clock):
 
     _simulated: int | None = None
 
-    def __new__(cls, **_: Any) -> 'ROSClock':  # noqa: D102
-        self = object.__new__(cls)
-        self.clock_type = ClockType.ROS_TIME
-        return self
-
-    def __init__(self, **_: Any):
-        pass
+    def __new__(cls, **_: Any) -> Any:  # noqa: D102
+        return super().__new__(cls, clock_type=ClockType.ROS_TIME)
 
     @property
     def ros_time_is_active(self) -> bool:
@@ -63,10 +58,7 @@ class ROSClock(Clock):
         return self._simulated is not None
 
     def _set_ros_time_is_active(self, enabled: bool) -> None:
-        if enabled:
-            self._simulated = self._simulated or 0
-        else:
-            self._simulated = None
+        self._simulated = (self._simulated or 0) if enabled else None
 
     def set_ros_time_override(self, value: Time) -> None:
         """Set the time that `now` returns while the time of /clock is active."""

@@ -64,13 +64,7 @@ class Context:
         self.initialized = False
         self.valid = False
 
-    def init(
-        self,
-        args: Sequence[str] | None = None,
-        *,
-        initialize_logging: bool = True,
-        domain_id: int | None = None,
-    ) -> None:
+    def init(self, args: Sequence[str] | None = None, *, domain_id: int | None = None) -> None:
         """Start the context; args: default to those of the process.
 
         Raises RuntimeError on a second call, RCLError for environment variables that are invalid
@@ -83,9 +77,8 @@ class Context:
             self._domain_id = _domain_id(domain_id)
             self._configuration = domain_configuration()
             self.arguments = parse(sys.argv if args is None else args)
-            if initialize_logging:
-                for name, level in self.arguments.log_levels.items():
-                    logging.set_logger_level(name, logging.get_logging_severity_from_string(level))
+            for name, level in self.arguments.log_levels.items():
+                logging.set_logger_level(name, logging.get_logging_severity_from_string(level))
             self.initialized = self.valid = True
         signals._watch(self)
         atexit.register(self._close)
@@ -166,10 +159,3 @@ class Context:
             if self._graph is not None:
                 self._graph.close()
             self._graph = self._participant = None
-
-    def __enter__(self) -> 'Context':
-        self.init()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.try_shutdown()

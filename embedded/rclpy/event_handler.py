@@ -17,9 +17,6 @@ class QoSRequestedIncompatibleQoSInfo:
     last_policy_kind: QoSPolicyKind
 
 
-QoSOfferedIncompatibleQoSInfo = QoSRequestedIncompatibleQoSInfo
-
-
 @dataclass(frozen=True)
 class SubscriptionEventCallbacks:
     """Callbacks of a subscription's events; without a callback a warning is logged."""

@@ -169,9 +169,7 @@ class SingleThreadedExecutor:
         """
         if not self.context.valid:
             raise ExternalShutdownException
-        endless = timeout_sec is None or timeout_sec < 0
-        deadline = None if endless else time.monotonic_ns() + int((timeout_sec or 0.0) * 1e9)
-        self._work(deadline)
+        self._work(_deadline(timeout_sec))
 
     def spin(self) -> None:
         """Run callbacks until shutdown."""
@@ -181,8 +179,7 @@ class SingleThreadedExecutor:
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done, at most `timeout_sec` [s]."""
         future.add_done_callback(lambda _: self.wake())
-        endless = timeout_sec is None or timeout_sec < 0
-        deadline = None if endless else time.monotonic_ns() + int((timeout_sec or 0.0) * 1e9)
+        deadline = _deadline(timeout_sec)
         while self.context.valid and not future.done() and not self._is_shutdown:
             step = time.monotonic_ns() + LONGEST_WAIT_NS
             self._work(step if deadline is None else min(step, deadline))
@@ -190,7 +187,10 @@ class SingleThreadedExecutor:
                 return
 
 
-Executor = SingleThreadedExecutor
+def _deadline(timeout_sec: float | None) -> int | None:
+    if timeout_sec is None or timeout_sec < 0:
+        return None
+    return time.monotonic_ns() + int(timeout_sec * 1e9)
 
 
 def _call(callback: Callable[[], Any]) -> None:

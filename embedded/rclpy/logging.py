@@ -113,13 +113,12 @@ class RcutilsLogger:
         severity: int,
         *,
         once: bool = False,
-        skip_first: bool = False,
         throttle_duration_sec: float | None = None,
         throttle_time_source_type: Any = None,
     ) -> bool:
         """Write a message, unless a level or option suppresses it; return whether it was written.
 
-        `once`, `skip_first` and `throttle_duration_sec` [s] count for each place in the code.
+        `once` and `throttle_duration_sec` [s] count for each place in the code.
         Raises ValueError where one place logs at different severities, as rclpy does.
         """
         level = LoggingSeverity(severity)
@@ -128,26 +127,18 @@ class RcutilsLogger:
         place = _place()
         if self._severities.setdefault(place, level) is not level:
             raise ValueError('Logger severity cannot be changed between calls.')
-        limited = once or skip_first or throttle_duration_sec is not None
+        limited = once or throttle_duration_sec is not None
         if limited and not self._is_due(
-            place, once, skip_first, throttle_duration_sec, throttle_time_source_type
+            place, once, throttle_duration_sec or 0.0, throttle_time_source_type
         ):
             return False
         _write(level, self.name, str(message))
         return True
 
-    def _is_due(
-        self, place: Place, once: bool, skip_first: bool, throttle: float | None, source: Any
-    ) -> bool:
+    def _is_due(self, place: Place, once: bool, throttle: float, source: Any) -> bool:
         last = self._seen.get(place)
         now = time.monotonic_ns() if source is None else source.now().nanoseconds
-        if once:
-            self._seen[place] = now
-            return last is None
-        if skip_first and last is None:
-            self._seen[place] = now - int((throttle or 0.0) * 1e9)
-            return False
-        if throttle is not None and last is not None and 0 <= now - last < throttle * 1e9:
+        if last is not None and (once or 0 <= now - last < throttle * 1e9):
             return False
         self._seen[place] = now
         return True

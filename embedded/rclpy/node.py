@@ -1,6 +1,6 @@
 """Nodes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
@@ -24,6 +24,11 @@ from rclpy.timer import Timer
 from rclpy.utilities import get_default_context
 
 
+def _every(kind: type, text: str) -> property:
+    """Make a property of a node: an iterator over its entities of a kind."""
+    return property(lambda node: iter(list(node._entities[kind])), doc=text)
+
+
 class Node(Parameters):
     """A node: publishers, subscriptions, services, clients, timers and parameters by one name."""
 
@@ -34,7 +39,6 @@ class Node(Parameters):
         context: Context | None = None,
         cli_args: list[str] | None = None,
         namespace: str | None = None,
-        use_global_arguments: bool = True,
         start_parameter_services: bool = True,
         parameter_overrides: list[Parameter] | None = None,
     ):
@@ -42,10 +46,9 @@ class Node(Parameters):
         if not self._context.ok():
             raise NotInitializedException('cannot create node')
         own = arguments.parse(['--ros-args', *(cli_args or [])])
-        if use_global_arguments:
-            shared = self._context.arguments
-            own.remaps += shared.remaps
-            own.parameters = shared.parameters + own.parameters
+        shared = self._context.arguments
+        own.remaps += shared.remaps
+        own.parameters = shared.parameters + own.parameters
         self._arguments = own
         self._set_names(node_name, namespace or '')
         given = own.overrides(self.get_fully_qualified_name())
@@ -94,30 +97,10 @@ class Node(Parameters):
         if new_executor is not None:
             new_executor.add_node(self)
 
-    @property
-    def publishers(self) -> Iterator[Publisher]:
-        """Publishers of the node."""
-        return iter(list(self._entities[Publisher]))
-
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions of the node."""
-        return iter(list(self._entities[Subscription]))
-
-    @property
-    def clients(self) -> Iterator[Client]:
-        """Service clients of the node."""
-        return iter(list(self._entities[Client]))
-
-    @property
-    def services(self) -> Iterator[Service]:
-        """Service servers of the node."""
-        return iter(list(self._entities[Service]))
-
-    @property
-    def timers(self) -> Iterator[Timer]:
-        """Timers of the node."""
-        return iter(list(self._entities[Timer]))
+    publishers = _every(Publisher, 'Publishers of the node.')
+    clients = _every(Client, 'Service clients of the node.')
+    services = _every(Service, 'Service servers of the node.')
+    timers = _every(Timer, 'Timers of the node.')
 
     def get_name(self) -> str:
         """Return the name without namespace."""
@@ -139,21 +122,19 @@ class Node(Parameters):
         """Return the logger."""
         return self._logger
 
-    def _resolve(self, name: str, is_service: bool, only_expand: bool = False) -> str:
+    def _resolve(self, name: str, is_service: bool) -> str:
         if not isinstance(name, str):
             raise TypeError(f'a name must be a str, got {type(name)}')
         absolute = arguments.expand(name, self._name, self._namespace, is_service)
-        if only_expand:
-            return absolute
         return self._arguments.topic(absolute, self._name, self._namespace, is_service)
 
-    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+    def resolve_topic_name(self, topic: str) -> str:
         """Return the absolute name of a topic after remapping."""
-        return self._resolve(topic, False, only_expand)
+        return self._resolve(topic, False)
 
-    def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
+    def resolve_service_name(self, service: str) -> str:
         """Return the absolute name of a service after remapping."""
-        return self._resolve(service, True, only_expand)
+        return self._resolve(service, True)
 
     def _add(self, entity: Any) -> Any:
         self._entities[type(entity)].append(entity)
@@ -186,7 +167,7 @@ class Node(Parameters):
 
     def _alive(self) -> None:
         if self._destroyed:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         if not self._context.ok():
             raise NotInitializedException("the node's context is invalid")
 
@@ -196,7 +177,6 @@ class Node(Parameters):
         topic: str,
         qos_profile: QoSProfile | int,
         *,
-        callback_group: CallbackGroup | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher:
         """Make a publisher; qos_profile: or a depth. InvalidTopicNameException for bad names."""
@@ -230,15 +210,14 @@ class Node(Parameters):
         self,
         timer_period_sec: float,
         callback: Callable[[], Any] | None,
-        callback_group: CallbackGroup | None = None,
+        *,
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
         """Make a timer with a period [s] on a clock, the node's if None."""
         self._alive()
         period = int(float(timer_period_sec) * 1_000_000_000)
-        group = callback_group or self._default_callback_group
-        timer = Timer(callback, group, period, clock or self._clock, autostart=autostart)
+        timer = Timer(callback, period, clock or self._clock, autostart=autostart)
         timer._wake = self._wake
         return self._add(timer)
 
@@ -253,27 +232,17 @@ class Node(Parameters):
         callback: Callable[[Any, Any], Any],
         *,
         qos_profile: QoSProfile = qos_profile_services_default,
-        callback_group: CallbackGroup | None = None,
     ) -> Service:
         """Make a server of a service with a callback (request, response) -> response."""
         self._alive()
         name = self._resolve(srv_name, True)
-        group = callback_group or self._default_callback_group
-        return self._add(Service(self, srv_type, name, callback, group, qos_profile))
+        return self._add(Service(self, srv_type, name, callback, qos_profile))
 
-    def create_client(
-        self,
-        srv_type: Any,
-        srv_name: str,
-        *,
-        qos_profile: QoSProfile = qos_profile_services_default,
-        callback_group: CallbackGroup | None = None,
-    ) -> Client:
+    def create_client(self, srv_type: Any, srv_name: str) -> Client:
         """Make a client of a service."""
         self._alive()
         name = self._resolve(srv_name, True)
-        group = callback_group or self._default_callback_group
-        return self._add(Client(self, srv_type, name, group, qos_profile))
+        return self._add(Client(self, srv_type, name, qos_profile_services_default))
 
     def _remove(self, entity: Any) -> bool:
         """Destroy an entity; False where it is not the node's."""
@@ -326,7 +295,7 @@ class Node(Parameters):
         """Return the number of subscriptions to a topic in the domain."""
         return self._context.graph.count('reader', self.resolve_topic_name(topic_name))
 
-    def get_topic_names_and_types(self, no_demangle: bool = False) -> list[tuple[str, list[str]]]:
+    def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]:
         """Return (name, type names) of each topic of the domain."""
         return list(self._context.graph.topics().items())
 

@@ -7,7 +7,6 @@ from typing import Any
 import yaml
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
-PARAMETER_SEPARATOR_STRING = '.'
 SEQUENCES = (list, tuple, array.array)
 SINGLE = {'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}
 ELEMENTS = {'BYTE_ARRAY': bytes, **{f'{name}_ARRAY': kind for name, kind in SINGLE.items()}}

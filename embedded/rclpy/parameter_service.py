@@ -48,28 +48,24 @@ class ParameterService:
                 break
         return response
 
-    def _get(self, request: Any, response: Any) -> Any:
-        for name in request.names:
+    def _values(self, names: list[str]) -> list[Any]:
+        """Return ParameterValues, of type NOT_SET without a value; none if one is undeclared."""
+        values = []
+        for name in names:
             try:
-                response.values.append(self._node.get_parameter(name).get_parameter_value())
+                values.append(self._node.get_parameter(name).get_parameter_value())
             except ParameterUninitializedException:
-                response.values.append(ParameterValue())
+                values.append(ParameterValue())
             except ParameterNotDeclaredException:
-                response.values = []
-                break
+                return []
+        return values
+
+    def _get(self, request: Any, response: Any) -> Any:
+        response.values = self._values(request.names)
         return response
 
     def _types(self, request: Any, response: Any) -> Any:
-        types = []
-        for name in request.names:
-            try:
-                types.append(self._node.get_parameter(name).type_.value)
-            except ParameterUninitializedException:
-                types.append(Parameter.Type.NOT_SET.value)
-            except ParameterNotDeclaredException:
-                types = []
-                break
-        response.types = types
+        response.types = [value.type for value in self._values(request.names)]
         return response
 
     def _list(self, request: Any, response: Any) -> Any:

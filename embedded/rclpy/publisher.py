@@ -58,13 +58,10 @@ class Publisher:
             cdr = msg
         else:
             raise TypeError(f'Expected {self.msg_type}, got {type(msg)}')
-        writer = self._writer
         if not self._context.valid:
             raise RCLError("Failed to publish: publisher's context is invalid")
-        if writer is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
         try:
-            writer.write(self._raw(cdr))
+            self._alive().write(self._raw(cdr))
         except DDSException as error:
             raise RCLError(f"Failed to publish on '{self._topic}': {error}") from error
 
@@ -80,7 +77,7 @@ class Publisher:
 
     def _alive(self) -> Any:
         if self._writer is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         return self._writer
 
     def _events(self) -> list[tuple[Any, Any]]:

@@ -7,9 +7,8 @@ from typing import Any
 
 from cyclonedds.qos import Policy, Qos
 
-from rclpy.duration import Duration, Infinite
+from rclpy.duration import Infinite
 
-UNSPECIFIED = Duration()
 LONGEST_BLOCK_NS = 100_000_000
 
 
@@ -87,21 +86,16 @@ _ENUMS: dict[str, Any] = {
     'durability': DurabilityPolicy,
     'liveliness': LivelinessPolicy,
 }
-_DURATIONS = ('lifespan', 'deadline', 'liveliness_lease_duration')
 
 
 @dataclass(init=False, repr=False, slots=True)
 class QoSProfile:
     """A set of policies; InvalidQoSProfileException unless `depth` or `history` is given."""
 
-    avoid_ros_namespace_conventions: bool
-    deadline: Duration
     depth: int
     durability: DurabilityPolicy
     history: HistoryPolicy
-    lifespan: Duration
     liveliness: LivelinessPolicy
-    liveliness_lease_duration: Duration
     reliability: ReliabilityPolicy
 
     def __init__(self, **kwargs: Any):
@@ -118,8 +112,6 @@ class QoSProfile:
         self.reliability = ReliabilityPolicy.RELIABLE
         self.durability = DurabilityPolicy.VOLATILE
         self.liveliness = LivelinessPolicy.SYSTEM_DEFAULT
-        self.lifespan = self.deadline = self.liveliness_lease_duration = UNSPECIFIED
-        self.avoid_ros_namespace_conventions = False
         for name, value in kwargs.items():
             setattr(self, name, value)
 
@@ -127,8 +119,6 @@ class QoSProfile:
         if name in _ENUMS:
             assert isinstance(value, int)
             value = _ENUMS[name](value)
-        elif name in _DURATIONS:
-            assert isinstance(value, Duration)
         elif name == 'depth':
             assert isinstance(value, int)
             if value == 0 and self.history == HistoryPolicy.KEEP_LAST:
@@ -175,16 +165,9 @@ def to_dds(profile: QoSProfile, user_data: str) -> Qos:
         policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
     else:
         policies.append(Policy.Durability.Volatile)
-    if profile.lifespan != UNSPECIFIED:
-        policies.append(Policy.Lifespan(profile.lifespan.nanoseconds))
-    if profile.deadline != UNSPECIFIED:
-        policies.append(Policy.Deadline(profile.deadline.nanoseconds))
-    lease = profile.liveliness_lease_duration
-    span = Infinite.nanoseconds if lease == UNSPECIFIED else lease.nanoseconds
-    if profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC:
-        policies.append(Policy.Liveliness.ManualByTopic(span))
-    else:
-        policies.append(Policy.Liveliness.Automatic(span))
+    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    liveliness: Any = Policy.Liveliness.ManualByTopic if manual else Policy.Liveliness.Automatic
+    policies.append(liveliness(Infinite.nanoseconds))
     return Qos(*policies)
 
 
@@ -201,11 +184,6 @@ def from_dds(qos: Qos) -> QoSProfile:
         manual = isinstance(liveliness, Policy.Liveliness.ManualByTopic)
         kind = LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC
         profile.liveliness = kind
-        profile.liveliness_lease_duration = Duration(nanoseconds=liveliness.lease_duration)
-    for name in ('lifespan', 'deadline'):
-        policy = found.get(name.capitalize())
-        span = Infinite if policy is None else Duration(nanoseconds=getattr(policy, name))
-        setattr(profile, name, span)
     return profile
 
 

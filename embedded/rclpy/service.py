@@ -16,10 +16,9 @@ class Service(ServiceEntity):
         srv_type: Any,
         srv_name: str,
         callback: Callable[[Any, Any], Any],
-        callback_group: Any,
         qos_profile: QoSProfile,
     ):
-        super().__init__(node, srv_type, srv_name, callback_group, qos_profile, True)
+        super().__init__(node, srv_type, srv_name, qos_profile, True)
         self.callback = callback
 
     def _execute(self, taken: tuple[int, int, int, Any]) -> None:

@@ -27,7 +27,7 @@ class SubscriptionHandle:
 
     def __enter__(self) -> Self:
         if self._reader is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         return self
 
     def __exit__(self, *_: object) -> None:

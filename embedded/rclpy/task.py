@@ -8,35 +8,22 @@ from typing import Any
 class Future:
     """A result or exception that is set later, by another callback or thread."""
 
-    def __init__(self, *, executor: Any = None):
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._done = False
-        self._cancelled = False
         self._result: Any = None
         self._exception: BaseException | None = None
         self._callbacks: list[Callable[[Future], None]] = []
 
     def done(self) -> bool:
-        """Return whether a result or exception is set, or the future is cancelled."""
-        return self._done or self._cancelled
-
-    def cancelled(self) -> bool:
-        """Tell whether it was cancelled."""
-        return self._cancelled
-
-    def cancel(self) -> None:
-        """Cancel the future and call the callbacks."""
-        self._finish(cancelled=True)
+        """Return whether a result or exception is set."""
+        return self._done
 
     def result(self) -> Any:
         """Return the result, raise the exception, or None where there is none yet."""
         if self._exception is not None:
             raise self._exception
         return self._result
-
-    def exception(self) -> BaseException | None:
-        """Return the exception that was set, or None."""
-        return self._exception
 
     def set_result(self, result: Any) -> None:
         """Set the result and call the callbacks."""
@@ -46,17 +33,11 @@ class Future:
         """Set an exception and call the callbacks."""
         self._finish(exception=exception)
 
-    def _finish(
-        self,
-        result: Any = None,
-        exception: BaseException | None = None,
-        cancelled: bool = False,
-    ) -> None:
+    def _finish(self, result: Any = None, exception: BaseException | None = None) -> None:
         with self._lock:
-            if self.done():
+            if self._done:
                 return
-            self._result, self._exception = result, exception
-            self._cancelled, self._done = cancelled, not cancelled
+            self._result, self._exception, self._done = result, exception, True
             callbacks, self._callbacks = self._callbacks, []
         for callback in callbacks:
             callback(self)
@@ -64,7 +45,7 @@ class Future:
     def add_done_callback(self, callback: Callable[['Future'], None]) -> None:
         """Register a callback for when the future is done; called at once if it is."""
         with self._lock:
-            if not self.done():
+            if not self._done:
                 self._callbacks.append(callback)
                 return
         callback(self)

@@ -13,7 +13,6 @@ class Timer:
     def __init__(
         self,
         callback: Callable[[], Any] | None,
-        callback_group: Any,
         timer_period_ns: int,
         clock: Clock,
         *,
@@ -22,7 +21,6 @@ class Timer:
         if timer_period_ns < 0:
             raise ValueError('timer period must not be negative')
         self.callback = callback
-        self.callback_group = callback_group
         self.clock = clock
         self._period = int(timer_period_ns)
         self._canceled = not autostart
@@ -45,7 +43,7 @@ class Timer:
 
     def _changed(self) -> None:
         if self._destroyed:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         if self._wake is not None:
             self._wake()
 

@@ -48,8 +48,3 @@ def try_shutdown(*, context: Context | None = None) -> None:
         default.try_shutdown()
         if default.initialized:
             get_default_context(shutting_down=True)
-
-
-def get_rmw_implementation_identifier() -> str:
-    """Return the name of the middleware."""
-    return 'rmw_cyclonedds_embedded'

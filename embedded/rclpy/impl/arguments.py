@@ -204,17 +204,15 @@ class RosArguments:
 
     def node_name(self, name: str) -> str:
         """Return a node's name after remapping."""
-        for rule in self.remaps:
-            if rule.source in ('__node', '__name') and rule.node in (None, name):
-                return rule.target
-        return name
+        return self._target(('__node', '__name'), name, name)
 
     def namespace(self, name: str, namespace: str) -> str:
         """Return a node's namespace after remapping; name, namespace: those before."""
-        for rule in self.remaps:
-            if rule.source == '__ns' and rule.node in (None, name):
-                return rule.target
-        return namespace
+        return self._target(('__ns',), name, namespace)
+
+    def _target(self, sources: tuple[str, ...], node: str, default: str) -> str:
+        known = (r for r in self.remaps if r.source in sources and r.node in (None, node))
+        return next((rule.target for rule in known), default)
 
     def topic(self, absolute: str, node: str, namespace: str, is_service: bool) -> str:
         """Return the absolute name after remapping of a topic or service of a node."""

@@ -69,13 +69,7 @@ class Parameters:
         self._parameter_overrides = overrides
         self._on_set: list[OnSet] = []
 
-    def declare_parameter(
-        self,
-        name: str,
-        value: Any = None,
-        descriptor: Any = None,
-        ignore_override: bool = False,
-    ) -> Parameter:
+    def declare_parameter(self, name: str, value: Any = None, descriptor: Any = None) -> Parameter:
         """Declare a parameter by its default value or its Parameter.Type, and return it.
 
         Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException if the override has
@@ -90,10 +84,10 @@ class Parameters:
                 '`dynamic_typing=True`',
                 stacklevel=2,
             )
-        return self.declare_parameters('', [(name, value, given)], ignore_override)[0]
+        return self.declare_parameters('', [(name, value, given)])[0]
 
     def declare_parameters(
-        self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
+        self, namespace: str, parameters: Sequence[tuple[Any, ...]]
     ) -> list[Parameter]:
         """Declare parameters given as tuples (name, value or type, descriptor); return them.
 
@@ -121,8 +115,7 @@ class Parameters:
                     'is not a ParameterDescriptor.'
                 )
             value = self._typed(name, entry[1] if len(entry) > 1 else None, descriptor)
-            if not ignore_override and name in self._parameter_overrides:
-                value = self._parameter_overrides[name]
+            value = self._parameter_overrides.get(name, value)
             declared.append((Parameter(name, value=value), descriptor))
         known = [parameter.name for parameter, _ in declared if parameter.name in self._parameters]
         if known:
@@ -174,21 +167,11 @@ class Parameters:
             raise ParameterUninitializedException(name)
         return parameter
 
-    def get_parameters(self, names: list[str]) -> list[Parameter]:
-        """Return parameters by name; exceptions as of `get_parameter`."""
-        if not all(isinstance(name, str) for name in names):
-            raise TypeError('All names must be instances of type str')
-        return [self.get_parameter(name) for name in names]
-
     def describe_parameter(self, name: str) -> Any:
         """Return a parameter's descriptor; ParameterNotDeclaredException if undeclared."""
         if name in self._descriptors:
             return self._descriptors[name]
         raise ParameterNotDeclaredException(name)
-
-    def describe_parameters(self, names: list[str]) -> list[Any]:
-        """Return the descriptors of parameters; exceptions as of `describe_parameter`."""
-        return [self.describe_parameter(name) for name in names]
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         """Set declared parameters independently; return a SetParametersResult for each."""

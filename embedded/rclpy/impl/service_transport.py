@@ -95,17 +95,10 @@ class ServiceEntity:
     """Common part of clients and servers of a service."""
 
     def __init__(
-        self,
-        node: Any,
-        srv_type: Any,
-        srv_name: str,
-        callback_group: Any,
-        qos_profile: QoSProfile,
-        is_server: bool,
+        self, node: Any, srv_type: Any, srv_name: str, qos_profile: QoSProfile, is_server: bool
     ):
         self.srv_type = srv_type
         self.srv_name = srv_name
-        self.callback_group = callback_group
         self.qos_profile = qos_profile
         self.context = node.context
         self._logger = node.get_logger()
@@ -120,7 +113,7 @@ class ServiceEntity:
 
     def _alive(self) -> ServiceEnd:
         if self._end is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            raise InvalidHandle
         return self._end
 
     def _conditions(self) -> list[tuple[Any, Any]]:

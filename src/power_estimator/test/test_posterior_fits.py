@@ -92,7 +92,7 @@ def test_a_scale_that_stands_in_for_an_effect_that_is_not_named_is_not_certain()
 
 
 def test_computers_that_take_what_a_hopper_returns_are_no_idle_draw_of_its_drive():
-    # They draw 50 W beside its one meter, and the supply takes nothing back.
+    # They draw 170 W beside its one meter, and the supply takes nothing back.
     truth = true_plant(Case('robot', 'hopper', 60.0, 1, 97100001, strength=0.5))
     known = [Active.of(EFFECTS[name]) for name in truth.known]
     (meter,) = judged_effects(prepare(truth.data), known, EFFECTS).meters

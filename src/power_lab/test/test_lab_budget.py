@@ -203,7 +203,7 @@ def test_a_battery_lasts_its_energy_over_the_power(found):
 
 
 def test_less_idle_saves_that_share_of_it(lab, found):
-    idle = sum(lab.effects.value(g, 'idle')[0].value for g in found.model.groups)
+    idle = sum(group.coefficients['idle'][0].value for group in found.model.groups)
     (lever,) = lab.budget({'idle': 0.5}).levers
     assert lever.change == 'idle=0.5'
     assert lever.mean_w == pytest.approx(-0.5 * idle, rel=1e-6)

@@ -98,10 +98,6 @@ class Catalogue(Mapping[str, Effect]):
         """Return the effects of the drive."""
         return tuple(effect for effect in self._effects.values() if effect.kind == 'physics')
 
-    def measurement(self) -> tuple[Effect, ...]:
-        """Return the effects that are errors of the measurement."""
-        return tuple(effect for effect in self._effects.values() if effect.kind == 'measurement')
-
 
 def builtin_catalogue() -> Catalogue:
     """Return the catalogue of the shipped effects."""

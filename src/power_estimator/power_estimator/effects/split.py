@@ -60,11 +60,23 @@ def split(
     def columns_of(active: Active, seen: Signals) -> Floats:
         return kept[active.name] if active.name in kept else active.columns(seen)
 
+    parts: dict[str, Floats] = {}
+    by_column: dict[tuple[str, int], Floats] = {}
+
+    def note_slopes(part: str, active: Active, columns: Floats) -> None:
+        for term, column in enumerate(structure.columns_of(active.name)):
+            by_column[part, column] = columns[..., term]
+
+    def put(active: Active, own: Floats, columns: Floats) -> None:
+        """An effect's power from columns [T, D, n] in W per unit."""
+        parts[active.name] = weighted(columns, own)
+        if slopes:
+            note_slopes(active.name, active, columns)
+
     done = estimates(structure, coefficients, signals, base, keep)
-    found = _Collected(structure, slopes)
     for active in structure.actives:
         if active.effect.fixed is not None:
-            found.parts[active.name] = active.effect.fixed * kept[active.name][..., 0]
+            parts[active.name] = active.effect.fixed * kept[active.name][..., 0]
     pairs = by_effect(structure, coefficients)
     slope_of = {
         active.name: slope
@@ -74,7 +86,7 @@ def split(
     }
     if base is not None:
         added = np.square(done.motor_torque) - np.square(done.torque)
-        found.parts[BASE] = base.power + base.copper * added
+        parts[BASE] = base.power + base.copper * added
         slope_of[BASE] = 2.0 * base.copper * done.motor_torque
     before = done
     for follows in (False, True):
@@ -85,36 +97,17 @@ def split(
             if ('motor_torque' in active.effect.follows) is follows:
                 columns = columns_of(active, before)
                 torque += weighted(columns, own)
-                found.put(active, own, columns * done.motor_velocity[..., None])
-                found.add_slopes(active, columns, slope_of)
+                put(active, own, columns * done.motor_velocity[..., None])
+                for name, slope in slope_of.items() if slopes else ():
+                    # What its torque adds to the losses of others.
+                    note_slopes(name, active, slope[..., None] * columns)
         before = replace(done, motor_torque=done.torque + torque)
     for active, own in pairs:
         if active.effect.acts_on == 'speed':
-            found.put(active, own, columns_of(active, signals) * signals.torque[..., None])
+            put(active, own, columns_of(active, signals) * signals.torque[..., None])
         elif active.effect.acts_on == 'power':
-            found.put(active, own, columns_of(active, done))
-    return Split(found.parts, found.slopes)
-
-
-class _Collected:
-    def __init__(self, structure: Structure, slopes: bool) -> None:
-        self._structure, self._wanted = structure, slopes
-        self.parts: dict[str, Floats] = {}
-        self.slopes: dict[tuple[str, int], Floats] = {}
-
-    def put(self, active: Active, own: Floats, columns: Floats) -> None:
-        """An effect's power from columns [T, D, n] in W per unit."""
-        self.parts[active.name] = weighted(columns, own)
-        if self._wanted:
-            for term, column in enumerate(self._structure.columns_of(active.name)):
-                self.slopes[active.name, column] = columns[..., term]
-
-    def add_slopes(self, active: Active, columns: Floats, slope_of: Mapping[str, Floats]) -> None:
-        """Slopes of what torque of one effect adds to the losses of others."""
-        if self._wanted:
-            for name, slope in slope_of.items():
-                for term, column in enumerate(self._structure.columns_of(active.name)):
-                    self.slopes[name, column] = slope * columns[..., term]
+            put(active, own, columns_of(active, done))
+    return Split(parts, by_column)
 
 
 Reduce = Callable[[Floats], Floats]

@@ -87,7 +87,8 @@ def material(
     """
     settings = settings or FitSettings()
     if base is not None:
-        prepared = prepare(_without_unknown(data, base), window)
+        known = np.where(np.isfinite(base), data.power, np.nan).astype(np.float32)
+        prepared = prepare(replace(data, power=known), window)
     elif prepared is None:
         prepared = prepare(data, window)
     _require_excitation(prepared, least)
@@ -252,12 +253,6 @@ def _require_windows(prepared: Prepared, window: float, settings: FitSettings) -
             f'windows of {window:.3g} s; {count} of them decide nothing, record '
             f'{(_LEAST_WINDOWS + 2) * window:.0f} s or more'
         )
-
-
-def _without_unknown(data: AlignedDataset, base: Singles) -> AlignedDataset:
-    """The same data with the power unknown where the base model's is."""
-    power = np.where(np.isfinite(base), data.power, np.nan).astype(np.float32)
-    return replace(data, power=power)
 
 
 def _copper(prepared: Prepared, catalogue: Catalogue | None, settings: FitSettings) -> Floats:

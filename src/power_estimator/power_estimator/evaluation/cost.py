@@ -10,7 +10,7 @@ from power_estimator.model import PowerModel
 from power_estimator.network.features import FEATURES, Scaling
 from power_estimator.network.lstm import LstmBank, Weights
 
-LIVE_DRIVES = 12
+_LIVE_DRIVES = 12
 _SCALING = Scaling((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, 1.0)
 
 
@@ -19,8 +19,8 @@ def best_of(body: Callable[[], object], tries: int) -> float:
     return min(timeit.repeat(body, number=1, repeat=tries))
 
 
-def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIVES) -> float:
-    """Return the µs per sample of all drives at 200 Hz, in the live node's arithmetic.
+def sample_cost(hidden: int, history: int | None = None) -> float:
+    """Return the µs per sample of twelve drives at 200 Hz, in the live node's arithmetic.
 
     history: None for carried state, one step a sample; windowed, a fourth of the `history` steps
     that each estimate at 50 Hz takes.
@@ -28,6 +28,7 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
     rng = np.random.default_rng(0)
     shapes = Weights.shapes(hidden).values()
     weights = Weights(*(rng.normal(0, 0.1, shape).astype(np.float32) for shape in shapes))
+    drives = _LIVE_DRIVES
     bank = LstmBank({'a': (weights, _SCALING)}, {'a': range(drives)}, drives)
     if history is None:
         x = rng.normal(size=(drives, len(FEATURES))).astype(np.float32)
@@ -36,11 +37,9 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
     return 1e6 / 4 * best_of(lambda: bank.run(window), 30)
 
 
-def policy_step_cost(
-    model: PowerModel, drives: Sequence[str], robots: int, tries: int = 5
-) -> float:
+def policy_step_cost(model: PowerModel, drives: Sequence[str], robots: int) -> float:
     """Return the µs per robot and policy step: four samples of all drives, robots at once."""
     batch = BatchPower(model, drives, robots)
     rng = np.random.default_rng(0)
     x = rng.normal(size=(3, robots, 4, len(drives))).astype(np.float32) * np.float32(0.1)
-    return 1e6 / robots * best_of(lambda: batch.step(x[0], x[1], x[2]), tries)
+    return 1e6 / robots * best_of(lambda: batch.step(x[0], x[1], x[2]), 5)

@@ -25,7 +25,6 @@ from power_estimator.judge.held_out import (
     HeldOutPower,
     held_out_rows,
     knows,
-    names_without_power,
     power_on,
     power_under,
 )
@@ -104,9 +103,9 @@ class HeldOutEstimator:
         return Folds.of(blocks, self.settings.fit, by_recording=False)
 
     def material(
-        self, base: Singles | None, per: str = 'type', least: float = LEAST_TO_FIT
+        self, base: HeldOutPower | None, per: str = 'type', least: float = LEAST_TO_FIT
     ) -> Material:
-        """Return signals for a fit of effects on a base model's power W [T, D], None for no base.
+        """Return signals for a fit of effects on a base model's power, None for no base.
 
         per: `type` or `drive`; least: s or, if windows are longer than 1 s, number of windows.
         """
@@ -114,7 +113,7 @@ class HeldOutEstimator:
         return material(
             self.recordings.data,
             per=per,
-            base=base,
+            base=None if base is None else base.power,
             catalogue=self.catalogue,
             least=max(least, least * window),
             window=window,
@@ -130,7 +129,10 @@ class HeldOutEstimator:
         if isinstance(model, EffectModel):
             return self._effects(model)
         if isinstance(model, Proxy):
-            return self._proxy(model)
+            power = self._unscaled(model)
+            signal = self._metered(power)
+            estimated = signal * self._factors(model, signal)
+            return self._predicted(estimated, model.name, power, CROSS_VALIDATED)
         power = power_on(self.recordings, model)
         if not np.isfinite(power).any():
             raise InputError(f'{name} says nothing about {", ".join(self.recordings.data.names)}')
@@ -150,8 +152,10 @@ class HeldOutEstimator:
     ) -> HeldOut:
         """An estimate [N, M] with the best delay of each recording taken out."""
         if not np.isfinite(estimated).any():
-            lacking = names_without_power(power, self.prepared.signals.names)
-            raise InputError(f'{name} lacks the power of {", ".join(lacking)}')
+            known = np.isfinite(power).any(axis=0)
+            names = zip(self.prepared.signals.names, known, strict=True)
+            lacking = ', '.join(drive for drive, has_power in names if not has_power)
+            raise InputError(f'{name} lacks the power of {lacking}')
         prepared = self.prepared
         measured, delays = prepared.power_at(0.0), []
         for index in range(len(prepared.recordings)):
@@ -186,13 +190,6 @@ class HeldOutEstimator:
             raise InputError('the recording has samples without position, velocity or torque')
         reduced = self.prepared.reduced(np.asarray(power, dtype=np.float64))
         return reduced.sum(axis=1, keepdims=True) if self.prepared.whole else reduced
-
-    def _proxy(self, proxy: Proxy) -> HeldOut:
-        """Scaled by drive type on the folds that are not judged."""
-        power = self._unscaled(proxy)
-        signal = self._metered(power)
-        estimated = signal * self._factors(proxy, signal)
-        return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
 
     def _unscaled(self, proxy: Proxy) -> Singles:
         """A proxy's signal on all samples [T, D]."""
@@ -290,7 +287,7 @@ class HeldOutEstimator:
     def _refitted(self, model: EffectModel) -> HeldOut:
         """Refitted fold by fold, with errors of measurement of each recording's own."""
         base = self._base(model, rescaled=True)
-        own = self.material(None if base is None else base.power)
+        own = self.material(base)
         if model.groups and not own.prepared.whole:
             own = replace(own, types=tuple(group.type for group in model.groups))
         structure = own.structure(model.structure.actives)

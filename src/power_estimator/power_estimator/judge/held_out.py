@@ -1,6 +1,5 @@
 """Power of models where they were not fitted, by the fingerprints of recordings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +11,9 @@ from wattwalk_core.errors import InputError
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS
 from power_estimator.judge.recordings import Loaded
-from power_estimator.loader import base_of, load_base
+from power_estimator.loader import base_of
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.proxies import Proxy
 
 _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 
@@ -83,12 +81,6 @@ def power_on(loaded: Loaded, model: PowerModel) -> Singles:
     return out
 
 
-def fitted_base(loaded: Loaded, spec: str) -> PowerModel:
-    """Return the base model of a spec, a proxy with its factors fitted to the recordings."""
-    base = load_base(spec)
-    return base.fit(loaded.smooth) if isinstance(base, Proxy) else base
-
-
 def power_under(loaded: Loaded, model: EffectModel) -> HeldOutPower | None:
     """Return the power of a model's base where that is held out; None without a base."""
     base = base_of(model)
@@ -110,12 +102,6 @@ def base_power(loaded: Loaded, model: PowerModel, spec: str) -> HeldOutPower:
     if partly:
         _require_seconds(spec, power, data)
     return HeldOutPower(power, partly)
-
-
-def names_without_power(power: NDArray[np.floating], names: Sequence[str]) -> list[str]:
-    """Return the drives whose power [T, D] is NaN throughout."""
-    known = np.isfinite(power).any(axis=0)
-    return [name for name, one in zip(names, known, strict=True) if not one]
 
 
 def _require_seconds(spec: str, power: Singles, data: AlignedDataset) -> None:

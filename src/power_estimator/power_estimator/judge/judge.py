@@ -19,13 +19,13 @@ from power_estimator.effects.training import LEAST_TO_FIT, Material
 from power_estimator.judge.estimator import HeldOutEstimator, JudgeSettings
 from power_estimator.judge.held_out import (
     base_power,
-    fitted_base,
     knows,
     power_on,
     power_under,
 )
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut, JudgedModel, SupplyScore
+from power_estimator.loader import load_base
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
@@ -144,12 +144,13 @@ class Judge:
 
     def base(self, spec: str | None) -> PowerModel | None:
         """Return the base model of a spec, a proxy with its factors fitted here; None for None."""
-        return None if spec is None else fitted_base(self.recordings, spec)
+        base = None if spec is None else load_base(spec)
+        return base.fit(self.recordings.smooth) if isinstance(base, Proxy) else base
 
     def material(self, base: PowerModel | None = None, per: str = 'type') -> Material:
         """Return signals for a fit on a base's power; per: coefficients by `type` or `drive`."""
-        power = None if base is None else base_power(self.recordings, base, base.name).power
-        return self._estimator.material(power, per)
+        under = None if base is None else base_power(self.recordings, base, base.name)
+        return self._estimator.material(under, per)
 
     def material_under(
         self, model: EffectModel, least: float = LEAST_TO_FIT, per: str = 'type'
@@ -159,8 +160,7 @@ class Judge:
         least: s of recordings; per: `type` or `drive`. InputError for recordings too short or too
         still.
         """
-        under = power_under(self.recordings, model)
-        return self._estimator.material(None if under is None else under.power, per, least)
+        return self._estimator.material(power_under(self.recordings, model), per, least)
 
     def refits(self, model: PowerModel) -> bool:
         """Return whether a model is refitted on all of the recordings to be judged."""

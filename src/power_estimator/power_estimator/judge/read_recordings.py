@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from power_recordings.alignment.align import RATES, align, load_aligned, merge
@@ -40,21 +40,38 @@ class JudgedDrives:
 
 
 @dataclass(frozen=True)
-class ReadRecordings:
-    """Aligned recordings, with what else was read of each.
+class CheckedRecording:
+    """A recording without its samples, with what else was read of it.
 
-    doubts: why each recording contradicts itself, in a line, '' for none. changes: 1/s, of the
-    power of each one's slowest meter; NaN without a meter.
+    doubt: why it contradicts itself, in a line, '' where it does not. changes: 1/s, of the power
+    of its slowest meter; NaN without a meter.
     """
 
-    data: AlignedDataset
-    recordings: Sequence[Recording]
-    described: tuple[TrainingRecording, ...]
-    doubts: tuple[str, ...]
-    changes: tuple[float, ...]
+    recording: Recording
+    described: TrainingRecording
+    doubt: str
+    changes: float
+
+    @classmethod
+    def of(cls, recording: Recording, judged: JudgedDrives) -> Self:
+        """Check the drives that are judged."""
+        drives, doubt, changes = judged.of(recording), '', np.nan
+        try:
+            if not judged.slow:
+                refuse_slow(recording, drives)
+            if not judged.anyway:
+                refuse_wrong_units(recording, drives)
+        except InputError as error:
+            doubt = str(error)
+        with suppress(InputError):
+            changes = slowest_power(recording, drives)[1]
+        return cls(recording.lighter(), describe(recording.path), doubt, changes)
 
 
-def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
+Read = tuple[AlignedDataset, list[CheckedRecording]]
+
+
+def read_here(paths: Sequence[Path], judged: JudgedDrives) -> Read:
     """Read and align recordings in this process; judged: drives whose signals are checked."""
     recordings = open_recordings(paths)
     rate, joints = RATE, None
@@ -63,25 +80,20 @@ def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
     if len(recordings) > 1:
         joints = _common([(r.path, r.joints) for r in recordings])
     data = load_aligned(recordings, rate=rate, smooth=False, drives=joints, need_power=False)
-    return ReadRecordings(
-        data,
-        [recording.lighter() for recording in recordings],
-        tuple(describe(recording.path) for recording in recordings),
-        tuple(_doubt(recording, judged) for recording in recordings),
-        tuple(_changes(recording, judged) for recording in recordings),
-    )
+    return data, [CheckedRecording.of(recording, judged) for recording in recordings]
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A recording as a task read it, without its samples; data: or why it cannot be aligned so."""
+    """A recording as a task read it; data: or why it cannot be aligned so."""
 
-    recording: Recording
+    checked: CheckedRecording
     period: float  # s
     data: AlignedDataset | InputError
-    described: TrainingRecording
-    doubt: str
-    changes: float
+
+    @property
+    def recording(self) -> Recording:
+        return self.checked.recording
 
 
 @dataclass(frozen=True)
@@ -102,7 +114,7 @@ def read_on_workers(
     paths: Sequence[Path],
     judged: JudgedDrives,
     show: Callable[[str], None] = lambda text: None,
-) -> ReadRecordings:
+) -> Read:
     """Read each of several recordings as a task; the result is that of `read_here`.
 
     Workers return aligned signals alone, so that this process never holds whole recordings. Those
@@ -112,10 +124,9 @@ def read_on_workers(
     parts = _run(engine, tasks, show)
     long = sum(part.recording.duration for part in parts) >= _LONG
     rate = _coarsest(min(part.period for part in parts)) if long else RATE
-    recordings = [
-        replace(part.recording, path=path) for path, part in zip(paths, parts, strict=True)
-    ]
-    joints = _common([(recording.path, recording.joints) for recording in recordings])
+    joints = _common(
+        [(path, part.recording.joints) for path, part in zip(paths, parts, strict=True)]
+    )
     other = [
         place
         for place, part in enumerate(parts)
@@ -124,7 +135,7 @@ def read_on_workers(
     again = [replace(tasks[place], rate=rate, joints=joints) for place in other]
     for place, part in zip(other, _run(engine, again, show), strict=True):
         parts[place] = part
-    aligned = []
+    aligned, checked = [], []
     for path, part in zip(paths, parts, strict=True):
         for problem in part.recording.problems:
             print(printable(f'note: {path}: {problem}', 500), file=sys.stderr)
@@ -132,13 +143,8 @@ def read_on_workers(
             raise part.data
         notes = tuple(note.replace(str(path.resolve()), str(path), 1) for note in part.data.notes)
         aligned.append(replace(part.data, recordings=(str(path),), notes=notes))
-    return ReadRecordings(
-        merge(aligned),
-        recordings,
-        tuple(part.described for part in parts),
-        tuple(part.doubt for part in parts),
-        tuple(part.changes for part in parts),
-    )
+        checked.append(replace(part.checked, recording=replace(part.recording, path=path)))
+    return merge(aligned), checked
 
 
 def _run(
@@ -160,14 +166,7 @@ def _read(task: _ReadTask) -> _Part:
         data = align(recording, rate=rate, smooth=False, drives=joints, need_power=False)
     except InputError as error:
         data = error
-    return _Part(
-        recording.lighter(),
-        period,
-        data,
-        describe(task.path),
-        _doubt(recording, task.judged),
-        _changes(recording, task.judged),
-    )
+    return _Part(CheckedRecording.of(recording, task.judged), period, data)
 
 
 def _period(recording: Recording) -> float:
@@ -193,20 +192,3 @@ def _common(names: Sequence[tuple[Path, Sequence[str]]]) -> tuple[str, ...]:
             f'{first} ({", ".join(own)}) and {path} ({", ".join(other)}) have no joint in common'
         )
     return common
-
-
-def _doubt(recording: Recording, judged: JudgedDrives) -> str:
-    try:
-        if not judged.slow:
-            refuse_slow(recording, judged.of(recording))
-        if not judged.anyway:
-            refuse_wrong_units(recording, judged.of(recording))
-    except InputError as error:
-        return str(error)
-    return ''
-
-
-def _changes(recording: Recording, judged: JudgedDrives) -> float:
-    with suppress(InputError):
-        return slowest_power(recording, judged.of(recording))[1]
-    return np.nan

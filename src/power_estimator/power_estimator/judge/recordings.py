@@ -194,10 +194,9 @@ def load(
     """
     judged = JudgedDrives(tuple(drives), slow, anyway)
     if engine is None or len(paths) < 2:
-        read = read_here(paths, judged)
+        data, read = read_here(paths, judged)
     else:
-        read = read_on_workers(engine, paths, judged, show)
-    data = read.data
+        data, read = read_on_workers(engine, paths, judged, show)
     measured = data.measured_drives()
     if not measured and np.isfinite(data.supply).any():
         measured = data.names
@@ -217,15 +216,15 @@ def load(
             raise InputError(
                 f'drive {pattern!r} was not measured; measured are {", ".join(measured)}'
             )
-    for doubt in read.doubts:
-        if doubt:
-            raise InputError(doubt)
+    for one in read:
+        if one.doubt:
+            raise InputError(one.doubt)
     loaded = Loaded(
         data.drives(list(dict.fromkeys(itertools.chain(*fitting))) or measured),
-        read.recordings,
-        tuple({'name': one.name, 'sha256': one.sha256} for one in read.described),
-        tuple(str(one.card.get('controller', '')) for one in read.described),
-        energy_window(read.changes) if slow else 0.0,
+        [one.recording for one in read],
+        tuple({'name': one.described.name, 'sha256': one.described.sha256} for one in read),
+        tuple(str(one.described.card.get('controller', '')) for one in read),
+        energy_window([one.changes for one in read]) if slow else 0.0,
     )
     return loaded.without(without)
 

@@ -33,13 +33,12 @@ class LiveBudget:
             self._rows.clear()
         if estimate.status is not Status.OK or not estimate.parts:
             return
-        names = (*estimate.parts, *([REGENERATION] if SHAFT in estimate.parts else []))
-        watts = [float(np.nansum(power)) for power in estimate.parts.values()]
-        if SHAFT in estimate.parts:
+        watts = {part: float(np.nansum(power)) for part, power in estimate.parts.items()}
+        if SHAFT in watts:
             back = float(np.minimum(np.nan_to_num(estimate.parts[SHAFT]), 0.0).sum())
-            watts[names.index(SHAFT)] -= back
-            watts.append(back)
-        row = np.array(watts, np.float64)
+            watts[SHAFT] -= back
+            watts[REGENERATION] = back
+        names, row = tuple(watts), np.array([*watts.values()], np.float64)
         if names != self._names or (self._rows and estimate.stamp < self._rows[-1][0]):
             self._names = names
             self._rows.clear()

@@ -168,8 +168,7 @@ class PowerEstimator(Node):
             else:
                 self.get_logger().warning(sentence)
             self._said = sentence
-        level = Level.OK if well else Level.WARN
-        self._reporter.publish(Report(level, sentence, figures))
+        _publish_report(self._reporter, well, sentence, figures)
         self._budget_reporter.publish(Report(Level.OK, *self._session.budget.report()))
         self._watch()
 
@@ -180,9 +179,7 @@ class PowerEstimator(Node):
             return
         if found is not None:
             self.get_logger().warning(found.sentence)
-        well, sentence, figures = watch.report()
-        level = Level.OK if well else Level.WARN
-        self._watch_reporter.publish(Report(level, sentence, figures))
+        _publish_report(self._watch_reporter, *watch.report())
         if watch.reference is not None and not self._learned:
             self._learned = True
             if self._kept is not None:
@@ -190,6 +187,12 @@ class PowerEstimator(Node):
                     'watch_reference/1', self._session.model, watch.config.block, watch.reference
                 )
                 own.save(self._kept)
+
+
+def _publish_report(
+    reporter: Reporter, well: bool, sentence: str, figures: dict[str, str]
+) -> None:
+    reporter.publish(Report(Level.OK if well else Level.WARN, sentence, figures))
 
 
 def _ns(stamp: Time) -> int:

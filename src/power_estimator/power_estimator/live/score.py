@@ -8,6 +8,8 @@ from wattwalk_core.arrays import Floats
 
 from power_estimator.scores import r2
 
+_WINDOW = 30.0  # s over which R² is taken
+
 
 class LiveScore:
     """Scores of estimates against the mean of the measured power over the same time.
@@ -15,14 +17,13 @@ class LiveScore:
     An estimate waits until measurements reach its stamp, so that late samples count as well.
     """
 
-    def __init__(self, width: float, window: float = 30.0) -> None:
-        """width: s that an estimate covers; window: s over which R² is taken."""
-        self.window = window
+    def __init__(self, width: float) -> None:
+        """width: s that an estimate covers."""
         self._width = round(width * 1e9)
         self._second = max(1, round(1 / width))
         self._waiting: deque[tuple[int, float]] = deque(maxlen=100)
         self._measured: deque[tuple[int, float]] = deque(maxlen=2000)
-        self._pairs: deque[tuple[float, float]] = deque(maxlen=max(1, round(window / width)))
+        self._pairs: deque[tuple[float, float]] = deque(maxlen=max(1, round(_WINDOW / width)))
 
     def measured(self, stamp: int, watts: float) -> None:
         """Take the measured sum of the drives, W, at a stamp (ns)."""
@@ -48,7 +49,7 @@ class LiveScore:
         return {
             'measured': f'{measured[-self._second :].mean():.1f} W over 1 s',
             'estimated': f'{estimated[-self._second :].mean():.1f} W over 1 s',
-            'R² of the sum': f'{r2(measured, estimated):.3f} over {self.window:.0f} s',
+            'R² of the sum': f'{r2(measured, estimated):.3f} over {_WINDOW:.0f} s',
         }
 
 

@@ -73,9 +73,8 @@ class SecondMeans:
         passed = min(self._measured, self._estimated)
         for index in sorted(i for i in self._sums if i < passed):
             sums = self._sums.pop(index)
-            if sums.samples < _LEAST_SAMPLES or sums.estimates < _LEAST_ESTIMATES * self.rate:
-                continue
-            if not sums.states:
+            enough = sums.estimates >= _LEAST_ESTIMATES * self.rate and sums.states
+            if sums.samples < _LEAST_SAMPLES or not enough:
                 continue
             estimate = sums.estimate / sums.estimates
             difference = sums.power / sums.samples - estimate

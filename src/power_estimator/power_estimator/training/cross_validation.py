@@ -202,7 +202,9 @@ class CrossValidation:
             if job.fold != fold:
                 continue
             labels = self.labels(job)
-            x = self._pooled(job, labels == Part.TRAIN)
+            columns = self._columns[job.type.name]
+            used = (labels == Part.TRAIN)[:, None] & self._measured[:, columns]
+            x = self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
             low, high = x.min(axis=0), x.max(axis=0)
             if self.training.mirror:
                 high = np.maximum(high, -low)
@@ -289,11 +291,6 @@ class CrossValidation:
                 for run in runs(there, self.data.segment, part, shortest)
             ]
         return found
-
-    def _pooled(self, job: Job, rows: Bools) -> Singles:
-        columns = self._columns[job.type.name]
-        used = rows[:, None] & self._measured[:, columns]
-        return self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
 
     def _spans(
         self, stretches: Sequence[slice], recording: int

@@ -44,7 +44,12 @@ class _Threads:
 
     @contextmanager
     def limited(self) -> Iterator[None]:
-        """Limit each product to one thread until the last caller is done."""
+        """Limit each matrix product within `with` to one thread; `for_each` keeps its threads.
+
+        Products of a few hundred columns gain nothing from a second thread, and wait for it thirty
+        times as long as they take where another process has the core. The last caller that is done
+        lifts the limit.
+        """
         controller = _controller()
         with self._lock:
             if not self._depth:
@@ -64,6 +69,7 @@ class _Threads:
 
 
 _THREADS = _Threads()
+one_thread_a_product = _THREADS.limited
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -81,17 +87,6 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
         ThreadPoolExecutor(threads, initializer=_THREADS.mark_shared) as pool,
     ):
         return list(pool.map(function, items))
-
-
-@contextmanager
-def one_thread_a_product() -> Iterator[None]:
-    """Limit each matrix product within `with` to one thread; `for_each` keeps its threads.
-
-    Products of a few hundred columns gain nothing from a second thread, and wait for it thirty
-    times as long as they take where another process has the core.
-    """
-    with _THREADS.limited():
-        yield
 
 
 @cache

@@ -9,10 +9,8 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.blocks import for_each
-from power_estimator.effects.fit.design import Active, BasePower, Design, Structure
+from power_estimator.effects.fit.design import Active, Design, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
-from power_estimator.effects.fit.settings import FitSettings
-from power_estimator.effects.signals.prepared import Prepared
 
 Result = TypeVar('Result')
 _ESTIMATES = (
@@ -31,21 +29,17 @@ class ByDriveBuilder(DesignBuilder):
     Effects that look at other drives are computed from the signals of all.
     """
 
-    def __init__(
-        self, prepared: Prepared, base: BasePower | None = None, kept: int = FitSettings.kept
-    ) -> None:
-        super().__init__(prepared, base, kept)
-        self._count, self._kept = len(prepared.names), kept
-
     @cached_property
     def _drives(self) -> list[DesignBuilder]:
         """Builders of one drive each, with copies of its signals."""
-        base, kept = self.base, self._kept // self._count
+        base, count = self.base, len(self.prepared.names)
         return [
             DesignBuilder(
-                self.prepared.drive(index), None if base is None else base.drive(index), kept
+                self.prepared.drive(index),
+                None if base is None else base.drive(index),
+                self.kept // count,
             )
-            for index in range(self._count)
+            for index in range(count)
         ]
 
     def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:

@@ -11,11 +11,11 @@ from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
+from power_estimator.effects.fit.delay_search import limits_of, summed
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.fit.orders import PERIODIC, orders_of_fit
-from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Item = TypeVar('Item')
 
@@ -125,18 +125,11 @@ class CandidateScreener:
             lower = np.concatenate([lower, ends[0]], axis=1)
             upper = np.concatenate([upper, ends[1]], axis=1)
             prior.append(alone.priors(scale))
-        priors = np.concatenate(prior, axis=1)
-        groups = self.fitter.groups
-        weight = np.array([self.fitter.weight[group].mean() for group in groups])
-        first = priors[[group[0] for group in groups]]
-        ridge = weight[:, None] * REDUCED_RATE / np.square(first)
-        none = np.zeros((len(groups), 1))
-        self._lower = np.concatenate([self._mean(lower), none], axis=1)
-        self._upper = np.concatenate([self._mean(upper), none], axis=1)
-        self._ridge = np.concatenate([ridge, none], axis=1)
-
-    def _mean(self, values: Floats) -> Floats:
-        return np.stack([values[group].mean(axis=0) for group in self.fitter.groups])
+        priors, groups = np.concatenate(prior, axis=1), self.fitter.groups
+        limits = limits_of(lower, upper, priors, self.fitter.weight, groups)
+        self._lower, self._upper, self._ridge = (
+            np.pad(values, ((0, 0), (0, 1))) for values in limits
+        )
 
     def _linearise(self) -> None:
         """Columns of the base and of all candidates [N, D, M], the last one empty."""
@@ -183,11 +176,6 @@ class CandidateScreener:
 
         for_each(fill, range(drives))
 
-    def _grouped(self, values: Floats, axis: int) -> Floats:
-        """Sums over the drives that share coefficients."""
-        parts = [np.take(values, group, axis).sum(axis=axis) for group in self.fitter.groups]
-        return np.stack(parts, axis=axis)
-
     def _solve(self, gram: Floats, moment: Floats, pick: NDArray[np.intp], near: Floats) -> Floats:
         """Solve subsets [n] of groups [G]: gram [n, P, G, m, m]; moment, near [n, P, G, m]."""
         m = pick.shape[1]
@@ -203,14 +191,15 @@ class CandidateScreener:
     def _best_delays(self, pick: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
         """Of each subset [n] the place of its best delay, its error there and the solution."""
         gram = self._gram[0][:, pick[:, :, None], pick[:, None, :]].transpose(1, 0, 2, 3)
-        gram = self._grouped(gram, 1)[:, None]  # [n, 1, G, m, m]
+        gram = summed(gram, self.fitter.groups, 1)[:, None]  # [n, 1, G, m, m]
         shifts = self.fitter.prepared.shifts
         step = float(shifts[1] - shifts[0])
         known = round((self.base.delay - float(shifts[0])) / step)
         settings = self.fitter.settings
         beside = settings.near_delays
         middle = int(np.clip(known, beside, len(shifts) - beside - 1))
-        base = np.concatenate([self._mean(self.base.coefficients), self._filled()], axis=1)
+        means = [self.base.coefficients[group].mean(axis=0) for group in self.fitter.groups]
+        base = np.concatenate([np.stack(means), self._filled()], axis=1)
         near = base[:, pick].transpose(1, 0, 2)[:, None]
         at_middle = np.full((len(pick), 1), float(middle))
         _, near = self._profile(gram, at_middle, pick, near)
@@ -246,10 +235,11 @@ class CandidateScreener:
         """Summed log error [n, P] at places [n, P] of the delay, and solutions [n, P, G, m]."""
         moment, left, w = self._at(self._moment[0], places)  # [n, P, D, M]
         own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)
-        right = self._grouped(own, 2)
+        right = summed(own, self.fitter.groups, 2)
         w = w[..., None]
         square = (1 - w) ** 2 * self._square[left] + w**2 * self._square[left + 1]
-        square = self._grouped(square + 2 * w * (1 - w) * self._next[left], 2)
+        square = square + 2 * w * (1 - w) * self._next[left]
+        square = summed(square, self.fitter.groups, 2)
         x = self._solve(gram, right, pick, near)
         error = square - 2 * (x * right).sum(axis=3)
         error = error + (x * (gram @ x[..., None])[..., 0]).sum(axis=3)
@@ -262,13 +252,15 @@ class CandidateScreener:
         width = max(len(trial.columns) for trial in trials)
         empty = self._empty
         pick = np.array([[*t.columns, *[empty] * (width - len(t.columns))] for t in trials])
-        near = np.stack([_padded(trial.solution, width) for trial in trials])[:, None]
+        solutions = [trial.solution for trial in trials]
+        near = np.stack([np.pad(x, ((0, 0), (0, width - x.shape[1]))) for x in solutions])[:, None]
         places = np.array([trial.place for trial in trials])
         gram = self._gram[1:][:, :, pick[:, :, None], pick[:, None, :]]  # [F, D, n, m, m]
-        gram = self._grouped(gram.transpose(2, 0, 1, 3, 4), 2)
+        gram = summed(gram.transpose(2, 0, 1, 3, 4), self.fitter.groups, 2)
         moment, left, w = self._at(self._moment[1:].transpose(1, 0, 2, 3), places[:, None])
         own = np.take_along_axis(moment[:, 0], pick[:, None, None, :], axis=3)
-        solved = self._solve(gram, self._grouped(own, 2), pick, near)  # [n, F, G, m]
+        right = summed(own, self.fitter.groups, 2)
+        solved = self._solve(gram, right, pick, near)  # [n, F, G, m]
         drives = self._columns.shape[1]
         full = np.zeros((len(trials), self.folds.count, drives, empty + 1))
         for index, group in enumerate(self.fitter.groups):
@@ -294,10 +286,6 @@ class CandidateScreener:
 
         for_each(fill, range(drives))
         return out
-
-
-def _padded(values: Floats, width: int) -> Floats:
-    return np.pad(values, ((0, 0), (0, width - values.shape[1])))
 
 
 def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:

@@ -24,7 +24,7 @@ class DelaySearch:
     """
 
     prepared: Prepared
-    groups: Sequence[Sequence[int]]  # drives that share coefficients
+    groups: Sequence[list[int]]  # drives that share coefficients
     weight: Floats  # W² [D], of the priors
     settings: FitSettings
 
@@ -111,10 +111,9 @@ class DelaySearch:
         """Summed log error [S] at S delays; the search begins at the bounds of the middle one."""
         prior = design.structure.priors(self.prepared.scale)
         limits = group_limits(design, prior, self.weight, self.groups)
-        groups = [list(group) for group in self.groups]
-        matrix = np.stack([gram[group].sum(axis=0) for group in groups])  # [G, m, m]
-        right = np.stack([moment[:, group].sum(axis=1) for group in groups], axis=1)  # [S, G, m]
-        squares = np.stack([square[:, group].sum(axis=1) for group in groups], axis=1)
+        matrix = summed(gram, self.groups, 0)  # [G, m, m]
+        right = summed(moment, self.groups, 1)  # [S, G, m]
+        squares = summed(square, self.groups, 1)
         near = bounded_solve(matrix, right[len(right) // 2], *limits)
         count, m = len(right), matrix.shape[1]
         every = [np.tile(values, (count, 1)) for values in (*limits, near)]
@@ -122,23 +121,31 @@ class DelaySearch:
         x = x.reshape(right.shape)
         error = squares - 2 * (x * right).sum(axis=2)
         error = error + ((matrix @ x[..., None])[..., 0] * x).sum(axis=2)
-        size = np.array([len(group) for group in groups])
+        size = np.array([len(group) for group in self.groups])
         total: Floats = (size * np.log(np.maximum(error, 1e-9))).sum(axis=1)
         return total
 
 
+def summed(values: Floats, groups: Sequence[list[int]], axis: int) -> Floats:
+    """Return sums over the drives of each group, which lie along an axis of the values."""
+    return np.stack([np.take(values, own, axis).sum(axis=axis) for own in groups], axis=axis)
+
+
 def group_limits(
-    design: Design, prior: Floats, weight: Floats, groups: Sequence[Sequence[int]]
+    design: Design, prior: Floats, weight: Floats, groups: Sequence[list[int]]
 ) -> tuple[Floats, Floats, Floats]:
     """Return lower and upper bounds and the weight of the prior of each group of drives, [G, m].
 
     prior: standard deviation [D, m]; weight: W² [D]; groups: columns of drives, which share
     coefficients.
     """
-    own = [list(group) for group in groups]
-    lower = np.stack([design.lower[group].mean(axis=0) for group in own])
-    upper = np.stack([design.upper[group].mean(axis=0) for group in own])
-    ridge = [
-        float(weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]]) for group in own
-    ]
-    return lower, upper, np.stack(ridge)
+    return limits_of(design.lower, design.upper, prior, weight, groups)
+
+
+def limits_of(
+    lower: Floats, upper: Floats, prior: Floats, weight: Floats, groups: Sequence[list[int]]
+) -> tuple[Floats, Floats, Floats]:
+    """Return what `group_limits` does, of bounds [D, m]."""
+    means = [np.stack([bound[own].mean(axis=0) for own in groups]) for bound in (lower, upper)]
+    ridge = [weight[own].mean() * REDUCED_RATE / np.square(prior[own[0]]) for own in groups]
+    return means[0], means[1], np.stack(ridge)

@@ -95,6 +95,11 @@ class Structure:
         return tuple(active for active in self.actives if active.effect.fixed is None)
 
     @property
+    def terms(self) -> list[Term]:
+        """Terms of the m columns."""
+        return [term for active in self.free for term in active.effect.terms]
+
+    @property
     def labels(self) -> tuple[tuple[str, int], ...]:
         """Name of the effect and index of its term for each of the m columns."""
         return tuple(
@@ -106,10 +111,9 @@ class Structure:
 
         A discrepancy is bounded by a share of its effect's coefficient in coefficients [D, m].
         """
-        terms = [term for active in self.free for term in active.effect.terms]
         factors = self._factors(scale)
-        lower = np.array([term.lower for term in terms]) * factors
-        upper = np.array([term.upper for term in terms]) * factors
+        lower = np.array([term.lower for term in self.terms]) * factors
+        upper = np.array([term.upper for term in self.terms]) * factors
         for active in self.free:
             if active.effect.kind == 'discrepancy':
                 column = self.columns_of(active.name)[0]
@@ -121,8 +125,7 @@ class Structure:
 
     def priors(self, scale: DriveScale) -> Floats:
         """Return standard deviations of priors around 0 [D, m], infinite without a prior."""
-        terms = [term for active in self.free for term in active.effect.terms]
-        return np.array([term.prior for term in terms]) * self._factors(scale)
+        return np.array([term.prior for term in self.terms]) * self._factors(scale)
 
     def expected(self, prior: Prior) -> tuple[Floats, Floats]:
         """Return expected value and standard deviation [m], which is infinite without a prior."""
@@ -158,13 +161,12 @@ class Structure:
     def with_discrepancies(self) -> 'Structure':
         """Return the structure with the discrepancy of each effect that has one, see `Effect`."""
         found = [(active, discrepancy_of(active.effect)) for active in self.actives]
-        return self.plus(
-            *(
-                replace(active, effect=effect)
-                for active, effect in found
-                if effect is not None and effect.name not in self.names
-            )
-        )
+        new = [
+            replace(active, effect=effect)
+            for active, effect in found
+            if effect is not None and effect.name not in self.names
+        ]
+        return self.plus(*new)
 
     def columns_of(self, name: str) -> list[int]:
         """Return the indices of an effect's columns; none for a name that is not there."""
@@ -209,16 +211,12 @@ class BasePower:
 Source = Callable[[Active, Signals], Floats]
 
 
-def _fresh(active: Active, signals: Signals) -> Floats:
-    return active.columns(signals)
-
-
 def estimates(
     structure: Structure,
     coefficients: Floats,
     signals: Signals,
     base: BasePower | None = None,
-    source: Source = _fresh,
+    source: Source = Active.columns,
 ) -> Signals:
     """Return the signals with the model's estimates of motor motion, torque and drawn power.
 

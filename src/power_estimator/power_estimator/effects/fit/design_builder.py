@@ -32,9 +32,9 @@ class Kept(Generic[Value]):
     Several threads may share it.
     """
 
-    def __init__(self, budget: int, fewest: int = 1) -> None:
-        """budget: bytes; fewest: number of values that stay whatever they need."""
-        self._budget, self._fewest = budget, fewest
+    def __init__(self, budget: int) -> None:
+        """budget: bytes; the newest value stays whatever it needs."""
+        self._budget = budget
         self._values: OrderedDict[Hashable, tuple[Value, int]] = OrderedDict()
         self._used, self._lock = 0, threading.RLock()
 
@@ -51,18 +51,12 @@ class Kept(Generic[Value]):
     def put(self, key: Hashable, value: Value, size: int) -> None:
         """Keep a value of `size` bytes; those used least recently go for it."""
         with self._lock:
-            self.drop(key)
+            _, before = self._values.pop(key, (None, 0))
             self._values[key] = (value, size)
-            self._used += size
-            while self._used > self._budget and len(self._values) > self._fewest:
+            self._used += size - before
+            while self._used > self._budget and len(self._values) > 1:
                 _, (_, freed) = self._values.popitem(last=False)
                 self._used -= freed
-
-    def drop(self, key: Hashable) -> None:
-        """Remove the value of a key, if it is kept."""
-        with self._lock:
-            if key in self._values:
-                self._used -= self._values.pop(key)[1]
 
 
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
@@ -91,6 +85,7 @@ class DesignBuilder:
         """base: power of a base model; kept: bytes of columns at most, of either rate."""
         self.prepared = prepared
         self.base = base
+        self.kept = kept
         self._reduced: Kept[Floats] = Kept(kept)
         self._instant: Kept[Floats] = Kept(kept)
         self._begun: tuple[object, Linearisation, dict[object, Floats]] | None = None

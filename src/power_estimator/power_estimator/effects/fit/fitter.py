@@ -12,7 +12,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, modelled
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.by_drive import ByDriveBuilder
-from power_estimator.effects.fit.delay_search import DelaySearch, group_limits
+from power_estimator.effects.fit.delay_search import DelaySearch, group_limits, summed
 from power_estimator.effects.fit.design import Active, BasePower, Design, Prior, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder, Kept
 from power_estimator.effects.fit.settings import FitSettings
@@ -235,8 +235,7 @@ class Fitter:
             moment[:, drive] = own @ normal.moment[:, drive]
         prior = design.structure.priors(self.scale)
         limits = group_limits(design, prior, self.weight, self.groups)
-        matrix = np.stack([gram[:, group].sum(axis=1) for group in self.groups], axis=1)
-        right = np.stack([moment[:, group].sum(axis=1) for group in self.groups], axis=1)
+        matrix, right = (summed(each, self.groups, 1) for each in (gram, moment))
         expected, spread = design.structure.expected(self.prior)
         weight = np.stack([self.weight[group].mean() for group in self.groups])
         trust = weight[:, None] * REDUCED_RATE / np.square(spread)

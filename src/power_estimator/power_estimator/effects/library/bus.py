@@ -15,11 +15,6 @@ def _drawn_current(signals: Signals, **_: float) -> Floats:
     return np.square(signals.drawn / np.maximum(signals.voltage, 1.0))[..., None]
 
 
-def _sag(signals: Signals, coefficients: Floats, **_: float) -> Floats:
-    """Twice the resistance times current over voltage."""
-    return 2.0 * coefficients[..., 0] * signals.drawn / np.square(signals.voltage)
-
-
 def _flow(signals: Signals, bridge: float = 0.0) -> Floats:
     return signals.drawn - bridge * signals.electronics
 
@@ -34,31 +29,24 @@ def returned_shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
     return returned, np.maximum(total, 1e-9), np.maximum(0.0, -drawn)
 
 
-def _blocked(signals: Signals, **_: float) -> Floats:
-    """The drive's share of the power that is blocked."""
-    returned, total, blocked = returned_shares(signals)
-    return (returned / total * blocked)[..., None]
-
-
-def _blocked_share(signals: Signals, coefficients: Floats, **_: float) -> Floats:
-    """Minus the blocked share while power flows back."""
-    _returned, total, blocked = returned_shares(signals)
-    return np.where(signals.drawn < 0.0, -coefficients[..., 0] * (blocked / total), 0.0)
-
-
 def _returned(signals: Signals, *, bridge: float = 0.0, supply: float = 0.0, **_: float) -> Floats:
-    """Power that would flow back: through the bridge, into the drive's input, or to the supply."""
+    """Power that would flow back: through the bridge, into the drive's input, or to the supply.
+
+    What the supply blocks is shared out by what each drive returns.
+    """
     if supply:
-        return _blocked(signals)
+        returned, total, blocked = returned_shares(signals)
+        return (returned / total * blocked)[..., None]
     return np.maximum(0.0, -_flow(signals, bridge))[..., None]
 
 
 def _lost_share(
     signals: Signals, coefficients: Floats, *, bridge: float = 0.0, supply: float = 0.0, **_: float
 ) -> Floats:
-    """Minus the lost share while power flows back."""
+    """Minus the lost or blocked share while power flows back."""
     if supply:
-        return _blocked_share(signals, coefficients)
+        _own, total, blocked = returned_shares(signals)
+        return np.where(signals.drawn < 0.0, -coefficients[..., 0] * (blocked / total), 0.0)
     return np.where(_flow(signals, bridge) < 0.0, -coefficients[..., 0], 0.0)
 
 
@@ -99,7 +87,7 @@ LINE_RESISTANCE = Effect(
     terms=(Term('Rl', 'ohm', 0.0, 5.0),),
     scaling={},
     regressors=_drawn_current,
-    drawn_slope=_sag,
+    drawn_slope=lambda signals, rl, **_: 2.0 * rl[..., 0] * signals.drawn / signals.voltage**2,
     follows=frozenset({'drawn'}),
     per_drive=True,
     near=('copper_loss',),

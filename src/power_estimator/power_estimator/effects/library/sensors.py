@@ -24,11 +24,6 @@ def _bend(signals: Signals, **_: float) -> Floats:
     return (power * share_of_top(signals.torque))[..., None]
 
 
-def _power_rate(signals: Signals, **_: float) -> Floats:
-    """Minus the rate of the estimated power."""
-    return -np.gradient(signals.drawn, 1.0 / signals.rate, axis=0)[..., None]
-
-
 _measurement_error = partial(Effect, kind='measurement', per_drive=True)
 POWER_GAIN = _measurement_error(
     name='power_gain',
@@ -95,7 +90,9 @@ TIME_OFFSET = _measurement_error(
     physics='power and joint signals are stamped by clocks that differ',
     formula='delta·dP/dt; the fit shifts the power itself',
     terms=(Term('delta', 's', -0.006, 0.022),),
-    regressors=_power_rate,
+    regressors=lambda signals, **_: (
+        -np.gradient(signals.drawn, 1 / signals.rate, axis=0)[..., None]
+    ),
     follows=frozenset({'drawn'}),
     needs_time=True,
     near=('rotor_inertia', 'spring', 'velocity_lag'),

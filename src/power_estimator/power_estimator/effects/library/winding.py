@@ -131,16 +131,6 @@ _LOADS = (-40.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 40.0)
 _MOST_PER_KELVIN = 0.005  # ferrite loses 0.002/K, neodymium 0.001/K
 
 
-def _more_current(signals: Signals, **_: float) -> Floats:
-    """Torque to the fourth, of a torque at the joint."""
-    return (signals.motor_torque**4 * ~signals.at_motor)[..., None]
-
-
-def _more_current_slope(signals: Signals, coefficients: Floats) -> Floats:
-    """Four times the coefficient times the torque cubed."""
-    return 4.0 * coefficients[..., 0] * signals.motor_torque**3 * ~signals.at_motor
-
-
 def _less_torque(signals: Signals, **_: float) -> Floats:
     """Minus the shaft's power times the torque squared, of a torque by its current."""
     return (-(signals.torque**3) * signals.motor_velocity * signals.at_motor)[..., None]
@@ -163,8 +153,8 @@ SATURATION = Effect(
     formula='c·motor_torque⁴, of a torque at the joint',
     terms=(Term('c', 'W/(N·m)⁴'),),
     scaling={'gear_ratio': (-4.0,), 'winding_resistance': (1.0,)},
-    regressors=_more_current,
-    torque_slope=_more_current_slope,
+    regressors=lambda signals, **_: (signals.motor_torque**4 * ~signals.at_motor)[..., None],
+    torque_slope=lambda signals, c: 4.0 * c[..., 0] * signals.motor_torque**3 * ~signals.at_motor,
     recorded=lambda signals, **_: not bool(signals.at_motor.all()),
     # Beside departures of copper loss it is at most likely, and others lose their names.
     proposed=lambda _: False,

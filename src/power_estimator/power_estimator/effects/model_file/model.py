@@ -1,6 +1,6 @@
 """Power model of named effects: structure, coefficients and history."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, owners
 from power_estimator.effects.catalogue import regressors_of
-from power_estimator.effects.effect import Effect, Shape
+from power_estimator.effects.effect import Effect, Shape, Term
 from power_estimator.effects.fit.design import Active, BasePower, Prior, Structure, evaluate
 from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
@@ -176,21 +176,14 @@ class EffectModel:
         """True if the model has coefficients."""
         return bool(self.groups)
 
-    def predict(
-        self,
-        data: AlignedDataset,
-        *,
-        base: Floats | Singles | None = None,
-        carried: Carried | None = None,
-    ) -> Singles:
+    def predict(self, data: AlignedDataset, *, base: Floats | Singles | None = None) -> Singles:
         """Return the electrical power in W [T, D]; NaN for drives of no known type.
 
         base: power of the base model on the same samples, W [T, D], where it is known already.
-        carried: memory of the effects, for data that come block by block. InputError for a model
-        that is not fitted.
+        InputError for a model that is not fitted.
         """
         result = np.full(data.torque.shape, np.nan, np.float32)
-        seen = self._seen(data, base, carried)
+        seen = self._seen(data, base)
         if seen is not None:
             order, coefficients, signals, layer = seen
             result[:, order] = evaluate(self.structure, coefficients, signals, layer)
@@ -203,7 +196,10 @@ class EffectModel:
         base: Floats | Singles | None = None,
         carried: Carried | None = None,
     ) -> dict[str, Floats]:
-        """Return power by effect, and of the base model as `base`, W [T, D]; else as `predict`."""
+        """Return power by effect, and of the base model as `base`, W [T, D]; else as `predict`.
+
+        carried: memory of the effects, for data that come block by block.
+        """
         seen = self._seen(data, base, carried)
         if seen is None:
             return {}
@@ -220,7 +216,7 @@ class EffectModel:
         self,
         data: AlignedDataset,
         base: Floats | Singles | None,
-        carried: Carried | None,
+        carried: Carried | None = None,
     ) -> tuple[list[int], Floats, Signals, BasePower | None] | None:
         """Columns of the drives that it knows, their coefficients, signals and base power."""
         if not self.fitted:
@@ -236,14 +232,9 @@ class EffectModel:
         if not known.names:
             return None
         used = _with_voltage(data.drives(known.names), known.groups)
-        used = with_torque(
-            used,
-            {
-                n: _constant(n, g)
-                for n, g in zip(used.names, known.groups, strict=True)
-                if n in used.current_as_torque
-            },
-        )
+        groups = zip(used.names, known.groups, strict=True)
+        constants = {n: _constant(n, g) for n, g in groups if n in used.current_as_torque}
+        used = with_torque(used, constants)
         signals = replace(signals_of(used, known.lag, known.scale), carried=carried)
         layer = None
         if base is not None:
@@ -272,13 +263,6 @@ class EffectModel:
         """Kept, since a live estimate asks for the same drives with each block of samples."""
         return {}
 
-    def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
-        """Return a group's coefficients of an effect; fixed ones have an interval of width 0."""
-        found = next(active for active in self.structure.actives if active.name == effect)
-        if found.effect.fixed is not None:
-            return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
-        return group.coefficients[effect]
-
     def coefficients(self, members: Sequence[DriveGroup]) -> Floats:
         """Return the coefficients [D, m] of the effects for the group of each of D drives.
 
@@ -288,9 +272,7 @@ class EffectModel:
             [
                 0.0 if term.of_recording else found.value
                 for active in self.structure.free
-                for term, found in zip(
-                    active.effect.terms, group.coefficients[active.name], strict=True
-                )
+                for term, found in _by_term(active, group)
             ]
             for group in members
         ]
@@ -303,7 +285,7 @@ class EffectModel:
         for group in self.groups:
             kind = group.type.name
             for active in self.structure.free:
-                values = zip(active.effect.terms, group.coefficients[active.name], strict=True)
+                values = _by_term(active, group)
                 found += [(f'{kind} {active.name} {term.symbol}', own) for term, own in values]
             found += [(f'{kind} {name}', own) for name, own in group.measurement.items()]
         return tuple(f'{name} ({own.at_bound})' for name, own in found if own.at_bound)
@@ -330,12 +312,10 @@ class EffectModel:
         (group,) = self.groups
         return {
             active.name: tuple(
-                (own.value, _spread(own) or np.inf)
-                if not (own.at_bound or term.of_recording)
-                else (0.0, np.inf)
-                for term, own in zip(
-                    active.effect.terms, group.coefficients[active.name], strict=True
-                )
+                (0.0, np.inf)
+                if own.at_bound or term.of_recording
+                else (own.value, _spread(own) or np.inf)
+                for term, own in _by_term(active, group)
             )
             for active in self.structure.free
         }
@@ -343,6 +323,10 @@ class EffectModel:
     def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
         """Return the model with these entries as its whole history."""
         return replace(self, history=tuple(entries))
+
+
+def _by_term(active: Active, group: DriveGroup) -> Iterable[tuple[Term, FittedValue]]:
+    return zip(active.effect.terms, group.coefficients[active.name], strict=True)
 
 
 def _spread(own: FittedValue) -> float:

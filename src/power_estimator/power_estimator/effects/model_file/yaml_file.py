@@ -81,67 +81,63 @@ class _ModelContent:
 
 def write_model(model: EffectModel, path: Path) -> None:
     """Write a model file, whole or not at all; RecordingError if it cannot be written."""
-    content: dict[str, Any] = {'format': FORMAT, 'name': model.name}
-    if model.base:
-        content['base'] = model.base
-    if model.metered != 'drives':
-        content['metered'] = model.metered
-    content['effects'] = {
-        active.name: dict(active.parameters) or None for active in model.structure.actives
-    }
-    if model.groups:
-        content['drives'] = {
-            group.type.name: _group_content(group, model.structure) for group in model.groups
-        }
-    if model.prior:
-        content['prior'] = {
+    content = {
+        'format': FORMAT,
+        'name': model.name,
+        'base': model.base or None,
+        'metered': None if model.metered == 'drives' else model.metered,
+        'effects': {a.name: dict(a.parameters) or None for a in model.structure.actives},
+        'drives': {g.type.name: _group_content(g, model.structure) for g in model.groups} or None,
+        'prior': {
             name: [[_number_out(v) for v in own] if np.isfinite(own[1]) else None for own in each]
             for name, each in model.prior.items()
         }
-    if model.fitted_on:
-        content['fitted_on'] = [dict(entry) for entry in model.fitted_on]
-    if model.history:
-        content['history'] = [dict(entry) for entry in model.history]
-    write_whole(path, dump_yaml(content))
+        or None,
+        'fitted_on': [dict(entry) for entry in model.fitted_on] or None,
+        'history': [dict(entry) for entry in model.history] or None,
+    }
+    write_whole(path, dump_yaml(_known(content)))
 
 
 def _group_content(group: DriveGroup, structure: Structure) -> dict[str, Any]:
-    content: dict[str, Any] = {
-        'patterns': list(group.type.patterns),
-        # Below 0 the estimate of a lag is noise, or it is the position that comes late.
-        'velocity_lag': _number_out(max(group.velocity_lag, 0.0)),
-        'voltage': _number_out(group.voltage),
-    }
-    if group.copper:
-        content['copper'] = _number_out(group.copper)
-    if group.base_factor is not None:
-        content['base_factor'] = _number_out(group.base_factor)
-    if group.scale != REFERENCE:
-        content['scale'] = dict(zip(_FACTORS, map(_number_out, group.scale), strict=True))
-    if group.torque_constant is not None:
-        content['torque_constant'] = _number_out(group.torque_constant)
-    content['coefficients'] = {
-        active.name: [
-            {'symbol': term.symbol, 'unit': term.unit, **_value_content(value)}
-            for term, value in zip(
-                active.effect.terms, group.coefficients[active.name], strict=True
-            )
-        ]
-        for active in structure.free
-    }
-    if group.measurement:
-        content['measurement'] = {
-            name: _value_content(value) for name, value in group.measurement.items()
+    factors = dict(zip(_FACTORS, map(_number_out, group.scale), strict=True))
+    constant = group.torque_constant
+    return _known(
+        {
+            'patterns': list(group.type.patterns),
+            # Below 0 the estimate of a lag is noise, or it is the position that comes late.
+            'velocity_lag': _number_out(max(group.velocity_lag, 0.0)),
+            'voltage': _number_out(group.voltage),
+            'copper': _number_out(group.copper) if group.copper else None,
+            'base_factor': None if group.base_factor is None else _number_out(group.base_factor),
+            'scale': None if group.scale == REFERENCE else factors,
+            'torque_constant': None if constant is None else _number_out(constant),
+            'coefficients': {
+                active.name: [
+                    {'symbol': term.symbol, 'unit': term.unit, **_value_content(value)}
+                    for term, value in zip(
+                        active.effect.terms, group.coefficients[active.name], strict=True
+                    )
+                ]
+                for active in structure.free
+            },
+            'measurement': {n: _value_content(v) for n, v in group.measurement.items()} or None,
         }
-    return content
+    )
 
 
 def _value_content(value: FittedValue) -> dict[str, Any]:
-    return {
-        'value': _number_out(value.value),
-        'interval': [_number_out(bound) for bound in value.interval],
-        **({'at_bound': value.at_bound} if value.at_bound else {}),
-    }
+    return _known(
+        {
+            'value': _number_out(value.value),
+            'interval': [_number_out(bound) for bound in value.interval],
+            'at_bound': value.at_bound or None,
+        }
+    )
+
+
+def _known(content: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in content.items() if value is not None}
 
 
 def _number_out(value: float) -> float:

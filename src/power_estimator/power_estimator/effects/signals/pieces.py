@@ -29,8 +29,8 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
         return prepared
     recordings = prepared.signals.recording
     parts: dict[int, list[tuple[slice, int]]] = {}
-    for part, stretch in zip(reducer.slices, reducer.stretches(), strict=True):
-        parts.setdefault(int(recordings[part.start]), []).append((part, stretch.start))
+    for piece, stretch in zip(reducer.slices, reducer.stretches(), strict=True):
+        parts.setdefault(int(recordings[piece.start]), []).append((piece, stretch.start))
     lengths = [sum(part.stop - part.start for part, _ in own) for own in parts.values()]
     shares = np.maximum(_shares(lengths, most * reducer.rate), _LEAST * reducer.rate)
     length = round(_PIECE * reducer.rate / reducer.factor) * reducer.factor
@@ -55,15 +55,8 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
     counts = [part.stop - part.start for part in shorter.stretches()]
     rows, kept = _joined(starts, sizes), _joined(reduced, counts)
     segment = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
-    return replace(
-        prepared,
-        signals=prepared.signals.rows(rows, segment),
-        reducer=shorter,
-        power=prepared.power[:, kept],
-        time=prepared.time[kept],
-        recording=prepared.recording[kept],
-        part=SignalPart(rows, kept, len(prepared.time)),
-    )
+    places = SignalPart(rows, kept, len(prepared.time))
+    return prepared.at_rows(kept, shorter, prepared.signals.rows(rows, segment), places)
 
 
 def _shares(lengths: Sequence[int], budget: float) -> Floats:
@@ -105,11 +98,4 @@ def sparse(prepared: Prepared) -> Prepared:
     reducer = prepared.reducer.sparse()
     stretches = prepared.reducer.stretches()
     rows = np.concatenate([np.arange(s.start, s.stop, reducer.every) for s in stretches])
-    return replace(
-        prepared,
-        reducer=reducer,
-        power=prepared.power[:, rows],
-        time=prepared.time[rows],
-        recording=prepared.recording[rows],
-        part=None,
-    )
+    return prepared.at_rows(rows, reducer, prepared.signals, None)

@@ -29,6 +29,10 @@ _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 _MOVING = 0.05  # rad/s
 _MOST_TRAVEL = 4 * np.pi  # rad, of a joint
+_STATE = (
+    *('torque', 'velocity', 'acceleration', 'position', 'torque_rate'),
+    *('voltage', 'temperature'),
+)
 _RELATED = 0.8  # correlation of velocity and the rate of position, where one is the other's
 
 
@@ -170,27 +174,29 @@ class Prepared:
         return self.reducer.reduce(values)
 
     def state(self) -> dict[str, Floats]:
-        """Return reduced joint signals by name, SI units [N, D], to show where a model fails."""
-        s = self.signals
-        return {
-            name: self.reduced(values)
-            for name, values in (
-                ('torque', s.torque),
-                ('velocity', s.velocity),
-                ('acceleration', s.acceleration),
-                ('position', self._position),
-                ('torque_rate', s.torque_rate),
-                ('voltage', s.voltage),
-                ('temperature', s.temperature),
-            )
-        }
+        """Return reduced joint signals by name, SI units [N, D], to show where a model fails.
 
-    @property
-    def _position(self) -> Floats:
-        """Rad [T, D]; of a drive that turns on, within its turn."""
+        The position of a drive that turns on is that within its turn.
+        """
         position = self.signals.position
         turns = np.nan_to_num(np.ptp(position, axis=0)) > _MOST_TRAVEL
-        return np.where(turns, np.mod(position, 2 * np.pi), position)
+        within_turn = np.where(turns, np.mod(position, 2 * np.pi), position)
+        shown = replace(self.signals, position=within_turn)
+        return {name: self.reduced(getattr(shown, name)) for name in _STATE}
+
+    def at_rows(
+        self, rows: NDArray[np.intp], reducer: Reducer, signals: Signals, part: SignalPart | None
+    ) -> 'Prepared':
+        """Return some of the rows, which a reducer makes of signals; part: of whole recordings."""
+        return replace(
+            self,
+            signals=signals,
+            reducer=reducer,
+            power=self.power[:, rows],
+            time=self.time[rows],
+            recording=self.recording[rows],
+            part=part,
+        )
 
 
 def _columns(values: Singles) -> Floats:
@@ -205,11 +211,7 @@ def signals_of(
 
     scale: that of the reference drive by default.
     """
-    velocity, torque, position = (
-        _columns(data.velocity),
-        _columns(data.torque),
-        _columns(data.position),
-    )
+    velocity, torque, position = map(_columns, (data.velocity, data.torque, data.position))
     stretches = [*data.segments()]
     if lag is not None:
         velocity = velocity + lag * rate_of(velocity, stretches, data.rate)
@@ -273,7 +275,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     if data.steady:
         reducer = Reducer(data.rate, (slice(0, len(data.time)),), steady=True)
     else:
-        reducer = Reducer(data.rate, _long_enough(signals, data.rate, window), window)
+        reducer = Reducer(data.rate, _long_enough(signals.stretches(), data.rate, window), window)
     count = round((LATEST - EARLIEST) / SHIFT_STEP) + 1
     shifts = np.linspace(EARLIEST, LATEST, count)
     if not reducer.slices:
@@ -305,12 +307,13 @@ def velocity_lag(data: AlignedDataset) -> Floats:
     Regresses dq/dt − w on dw/dt below 12.5 Hz. InputError where velocity is not the rate of the
     position in the same unit.
     """
-    reducer = Reducer(data.rate, _long_enough_data(data))
+    reducer = Reducer(data.rate, _long_enough(data.segments(), data.rate))
     if not reducer.slices:
         return np.zeros(len(data.names))
-    own = _columns(data.velocity)
-    rate = reducer.reduce(_rate_of(_columns(data.position), data))
-    velocity, acceleration = reducer.reduce(own), reducer.reduce(_rate_of(own, data))
+    stretches, own = [*data.segments()], _columns(data.velocity)
+    rate = reducer.reduce(rate_of(_columns(data.position), stretches, data.rate))
+    velocity = reducer.reduce(own)
+    acceleration = reducer.reduce(rate_of(own, stretches, data.rate))
     lags = np.zeros(len(data.names))
     for drive, name in enumerate(data.names):
         moving = velocity[:, drive].std()
@@ -347,19 +350,12 @@ def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
     return out
 
 
-def _rate_of(values: Floats, data: AlignedDataset) -> Floats:
-    return rate_of(values, data.segments(), data.rate)
-
-
-def _long_enough_data(data: AlignedDataset) -> tuple[slice, ...]:
-    least = 2 * (round(data.rate * (HALF_WIDTH + LATEST)) + 1) + round(data.rate * 0.5)
-    return tuple(part for part in data.segments() if part.stop - part.start >= least)
-
-
-def _long_enough(signals: Signals, rate: float, window: float) -> tuple[slice, ...]:
+def _long_enough(
+    stretches: Iterable[slice], rate: float, window: float = 0.0
+) -> tuple[slice, ...]:
     half = max(HALF_WIDTH, window / 2)
     least = 2 * (round(rate * (half + LATEST)) + 1) + round(rate * 0.5)
-    return tuple(part for part in signals.stretches() if part.stop - part.start >= least)
+    return tuple(part for part in stretches if part.stop - part.start >= least)
 
 
 def _cut(data: AlignedDataset, good: Bools) -> AlignedDataset:

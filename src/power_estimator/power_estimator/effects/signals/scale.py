@@ -1,11 +1,10 @@
 """Size of a drive against the reference drive that bounds and thresholds are stated for."""
 
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Self
 
 import numpy as np
-from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.arrays import Floats
 
 TORQUE, SPEED, VOLTAGE = 40.0, 8.0, 48.0
 """N·m, rad/s and V of the reference drive, a leg joint of an ANYmal."""
@@ -90,74 +89,3 @@ class DriveScale:
                 size = sizes.get(name.rstrip('²³⁴'), np.ones(1))
                 result = result * size ** (sign * power)
         return result
-
-
-def scale_of(
-    torque: Floats,
-    velocity: Floats,
-    voltage: Floats,
-    power: Floats,
-    groups: Sequence[Sequence[int]],
-    at_motor: Bools,
-) -> DriveScale:
-    """Return the scale of D drives from torque, velocity, voltage and power [T, D] in SI units.
-
-    power: NaN where unknown. groups: columns of drives that are built alike and share the largest
-    figures. Torque scales down only where it visibly costs more copper loss than the reference
-    drive could have, or where the drive is more than three times as fast: else a recording without
-    load says nothing about the size of its drive. Where power was not measured, torque alone gives
-    the scale. at_motor [D]: torque is a current times a constant.
-    """
-    factors = np.ones((torque.shape[1], 5))
-    for group in map(list, groups):
-        known = np.isfinite(power[:, group]).all(axis=1)
-        if known.any():
-            given = (x[known][:, group] for x in (torque, velocity, voltage, power))
-            factors[group, :4] = _factors(*given)
-        else:
-            factors[group, :3] = _mechanical(torque[:, group], velocity[:, group])
-    factors[:, 4] = np.where(at_motor, _UNKNOWN_CONSTANT, 1.0)
-    return DriveScale(*factors.T)
-
-
-_ALIKE = 3.0
-_ALIKE_VOLTAGE = 1.4
-_MOST_COPPER = 0.3  # W/(N·m)², ten times that of the reference drive
-_VISIBLE = 0.05  # share of the largest power
-_UNKNOWN_CONSTANT = 5.0
-"""Torque constants of data sheets are off by up to a fifth, torque sensors by 4 %."""
-
-
-def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -> Floats:
-    load, top, size = (
-        float(np.quantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity, power)
-    )
-    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
-    for_torque = load / TORQUE if load > _ALIKE * TORQUE else 1.0
-    if 0.0 < load < TORQUE:
-        least = max(_MOST_COPPER, _VISIBLE * size / load**2)
-        if for_speed > 1.0 or _copper(torque, velocity, power) > least:
-            for_torque = load / TORQUE
-    for_power = for_torque * for_speed
-    if size > _ALIKE * for_power * TORQUE * SPEED:
-        for_power = size / (TORQUE * SPEED)
-    ratio = float(np.median(voltage)) / VOLTAGE
-    alike = 1.0 / _ALIKE_VOLTAGE < ratio < _ALIKE_VOLTAGE or not ratio > 0.0
-    return np.array([for_torque, for_speed, for_power, 1.0 if alike else ratio])
-
-
-def _mechanical(torque: Floats, velocity: Floats) -> Floats:
-    load, top = (float(np.nanquantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity))
-    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
-    alike = TORQUE / _ALIKE < load < TORQUE * _ALIKE or load == 0.0
-    for_torque = 1.0 if alike else load / TORQUE
-    return np.array([for_torque, for_speed, for_torque * for_speed])
-
-
-def _copper(torque: Floats, velocity: Floats, power: Floats) -> float:
-    """Largest copper loss of the drives by plain least squares, W/(N·m)²."""
-    found = []
-    for tau, omega, watts in zip(torque.T, velocity.T, power.T, strict=True):
-        columns = np.stack([tau * omega, tau**2, np.abs(omega), np.ones_like(tau)], axis=1)
-        found.append(float(np.linalg.lstsq(columns, watts, rcond=None)[0][1]))
-    return max(found)

@@ -5,13 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 from power_recordings.alignment.dataset import AlignedDataset
-from wattwalk_core.arrays import Singles
+from wattwalk_core.arrays import Floats, Singles
 
 from power_estimator.drive_types import assign, infer_types
-from power_estimator.effects.signals.scale import DriveScale, scale_of
+from power_estimator.effects.signals.scale import SPEED, TORQUE, VOLTAGE, DriveScale
 
 UNKNOWN_CONSTANT = 1.0  # N·m/A
 _LEAST_SHOWN = 0.1  # of the power's spread, that a torque constant explains
+_ALIKE = 3.0
+_ALIKE_VOLTAGE = 1.4
+_MOST_COPPER = 0.3  # W/(N·m)², ten times that of the reference drive
+_VISIBLE = 0.05  # share of the largest power
+_CONSTANT_GAIN = 5.0
+"""Torque constants of data sheets are off by up to a fifth, torque sensors by 4 %."""
 
 
 def with_torque(data: AlignedDataset, constants: Mapping[str, float]) -> AlignedDataset:
@@ -62,9 +68,60 @@ def _constants(data: AlignedDataset, drives: Sequence[int], power: Singles) -> d
 
 
 def drive_scale(data: AlignedDataset) -> DriveScale:
-    """Return the scale of the drives, from their signals; drives of a type share one."""
-    alike = assign(data.names, infer_types(data.names)).values()
-    at_motor = np.array([name in data.motor_torque for name in data.names], dtype=bool)
+    """Return the scale of the drives, from their signals; drives of a type share the largest.
+
+    Torque scales down only where it visibly costs more copper loss than the reference drive could
+    have, or where the drive is more than three times as fast: else a recording without load says
+    nothing about the size of its drive. Where power was not measured, torque alone gives the
+    scale.
+    """
     given = (data.torque, data.velocity, data.voltage, data.power)
-    torque, velocity, voltage, power = (x.astype(np.float64) for x in given)
-    return scale_of(torque, velocity, voltage, power, [g for g in alike if g], at_motor)
+    signals = [values.astype(np.float64) for values in given]
+    factors = np.ones((len(data.names), 5))
+    for group in filter(None, assign(data.names, infer_types(data.names)).values()):
+        torque, velocity, voltage, power = (values[:, group] for values in signals)
+        known = np.isfinite(power).all(axis=1)
+        if known.any():
+            factors[group, :4] = _factors(
+                torque[known], velocity[known], voltage[known], power[known]
+            )
+        else:
+            factors[group, :3] = _mechanical(torque, velocity)
+    at_motor = [name in data.motor_torque for name in data.names]
+    factors[:, 4] = np.where(at_motor, _CONSTANT_GAIN, 1.0)
+    return DriveScale(*factors.T)
+
+
+def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -> Floats:
+    load, top, size = (
+        float(np.quantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity, power)
+    )
+    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
+    for_torque = load / TORQUE if load > _ALIKE * TORQUE else 1.0
+    if 0.0 < load < TORQUE:
+        least = max(_MOST_COPPER, _VISIBLE * size / load**2)
+        if for_speed > 1.0 or _copper(torque, velocity, power) > least:
+            for_torque = load / TORQUE
+    for_power = for_torque * for_speed
+    if size > _ALIKE * for_power * TORQUE * SPEED:
+        for_power = size / (TORQUE * SPEED)
+    ratio = float(np.median(voltage)) / VOLTAGE
+    alike = 1.0 / _ALIKE_VOLTAGE < ratio < _ALIKE_VOLTAGE or not ratio > 0.0
+    return np.array([for_torque, for_speed, for_power, 1.0 if alike else ratio])
+
+
+def _mechanical(torque: Floats, velocity: Floats) -> Floats:
+    load, top = (float(np.nanquantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity))
+    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
+    alike = TORQUE / _ALIKE < load < TORQUE * _ALIKE or load == 0.0
+    for_torque = 1.0 if alike else load / TORQUE
+    return np.array([for_torque, for_speed, for_torque * for_speed])
+
+
+def _copper(torque: Floats, velocity: Floats, power: Floats) -> float:
+    """Largest copper loss of the drives by plain least squares, W/(N·m)²."""
+    found = []
+    for tau, omega, watts in zip(torque.T, velocity.T, power.T, strict=True):
+        columns = np.stack([tau * omega, tau**2, np.abs(omega), np.ones_like(tau)], axis=1)
+        found.append(float(np.linalg.lstsq(columns, watts, rcond=None)[0][1]))
+    return max(found)
