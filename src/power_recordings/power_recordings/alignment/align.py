@@ -263,7 +263,7 @@ class _Segments:
         if meter is None:
             return 1.0
         count = min(len(meter.time), round(_NOISE_SECONDS / meter.period))
-        time = np.arange(count) * meter.period
+        time = np.arange(count, dtype=np.float64) * meter.period
         white = np.random.default_rng(0).normal(size=(count, 1)).astype(np.float32)
         grid = np.arange(0.0, time[-1], 1 / GRID)
         seen = self._filtered(Stream.of(time, white).sample(grid))[:, 0]
