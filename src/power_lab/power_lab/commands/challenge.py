@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> None:
         overwrite=options.overwrite,
         progress=True,
     )
-    seal(challenge, options.output)
+    seal(challenge.content(), options.output)
     bag, known = options.output, ','.join(challenge.known)
     write_json(options.json, {'known': list(challenge.known)})
     if options.walk:
