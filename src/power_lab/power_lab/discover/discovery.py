@@ -293,17 +293,16 @@ class Discoverer:
         close = [o for o in ranked[:_FINALISTS] if o.score >= CLOSE * ranked[0].score]
         finalists = [self._finalist(option, best, drives, point, found) for option in close]
         one = max(finalists, key=lambda f: f.gain.sum() * handicap(f.formula.family))
-        option, name, formula, gain = one.option, one.name, one.formula, one.gain
-        after, effect, places = one.after, one.effect, one.formula.places
+        option, formula, gain = one.option, one.formula, one.gain
         least = _least(floor, best.mean_mse)
-        own = tuple(d for d in places if gain[d] >= least[d])
+        own = tuple(d for d in formula.places if gain[d] >= least[d])
         kept_gain = np.zeros(len(gain))
         kept_gain[list(own)] = gain[list(own)]
         if not own or not above_floor(kept_gain, floor):
             return None
         if found and kept_gain.sum() < _NEXT_SHARE**2 * found[0].gain.clip(0).sum():
             return None
-        interval = interval_of(best, after, own, self.seed)
+        interval = interval_of(best, one.after, own, self.seed)
         if interval[0] <= 0.0:
             return None
         if self._names_left:
@@ -312,23 +311,23 @@ class Discoverer:
             if named is not None:
                 return named
         learned = Found(
-            name=name,
+            name=one.name,
             kind=formula.kind,
             drives=own,
             gain=kept_gain,
             interval=interval,
-            formula=replace(formula, places={d: places[d] for d in own}),
+            formula=replace(formula, places={d: formula.places[d] for d in own}),
             shapes=option.shapes,
             kept=min(1.0, option.kept),
             rivals=tuple(
                 (
-                    one.formula.text(),
-                    float(np.sqrt(max(option.formula.gain - one.formula.gain, 0))),
+                    other.formula.text(),
+                    float(np.sqrt(max(option.formula.gain - other.formula.gain, 0))),
                 )
-                for one in ranked[1:4]
+                for other in ranked[1:4]
             ),
         )
-        return self._settled(learned, after, effect.name)
+        return self._settled(learned, one.after, one.effect.name)
 
     def _written(
         self,

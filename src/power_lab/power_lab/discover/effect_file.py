@@ -77,11 +77,10 @@ def _class(one: Written) -> str:
     }
     flag_lines = ''.join(f'    {line}\n' for line, holds in flags.items() if holds)
     excited = ', '.join(f'{k}={v!r}' for k, v in one.excitation.items()).removeprefix('text=')
-    guard = " or place['other'] not in signals.names" if driver.other else ''
-    other_line = (
-        "            other = signals.names.index(place['other'])\n" if driver.other else ''
-    )
-    memory_lines = ''
+    guard = other_line = memory_lines = ''
+    if driver.other:
+        guard = " or place['other'] not in signals.names"
+        other_line = "            other = signals.names.index(place['other'])\n"
     if driver.memory:
         memory_lines = "            rate = signals.rate\n            given = place['given']\n"
     arguments = ''.join(f", place['{name}']" for name in primitive.parameters)
