@@ -114,13 +114,13 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     if values.size < _LEAST_ROWS:
         return []
     low, high = np.quantile(values, [0.002, 0.998]).tolist()
-    edges = np.linspace(low, high, count + 1)
+    edges = np.linspace(low, high, count + 1).tolist()
     place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, count - 1)
     rows, sums, squares = (
         np.bincount(place, weights, count) for weights in (None, error, np.square(error))
     )
     return [
-        Bin(*edges[at : at + 2].tolist(), sums[at] / rows[at], np.sqrt(squares[at] / rows[at]), n)
+        Bin(edges[at], edges[at + 1], float(sums[at] / n), float(np.sqrt(squares[at] / n)), n)
         for at, n in enumerate(rows.tolist())
         if n >= _LEAST_ROWS // 5
     ]
