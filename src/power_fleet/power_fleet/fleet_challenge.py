@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from power_lab.challenge.challenge import seal_content
+from power_lab.challenge.challenge import seal
 from sim_bridge.plant.ageing import AgeingPlan, HistoryDay, WearCourse
 from sim_bridge.plant.wear import OFFSET
 from wattwalk_core.anymal import JOINT_NAMES
@@ -103,7 +103,7 @@ def record_fleet(challenge: FleetChallenge, folder: Path, engine: TaskEngine) ->
 
     for index, plan in enumerate(challenge.plans):
         yield from record_history(plan, folder, engine, prefix=f'robot_{index}')
-    seal_content(challenge.answer(), folder)
+    seal(challenge.answer(), folder)
 
 
 def _days(random: np.random.Generator, count: int) -> list[HistoryDay]:

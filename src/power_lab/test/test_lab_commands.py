@@ -264,7 +264,7 @@ def test_a_challenge_is_sealed_and_revealed(tmp_path, capsys):
     bag = tmp_path / 'riddle'
     bag.mkdir()
     challenge = draw(5)
-    seal(challenge, bag)
+    seal(challenge.content(), bag)
     assert challenge.hidden[0] not in (bag / SEALED).read_text()
     assert unseal(bag) == challenge.content()
     found = tmp_path / 'd.json'
@@ -369,7 +369,7 @@ def test_the_bench_takes_the_robot_of_a_challenge_without_opening_the_seal(tmp_p
     bag.mkdir()
     file.write_text(MOTION)
     challenge = Challenge(('idle',), 2.0, ('shaft', 'copper_loss'), 7)
-    seal(challenge, bag)
+    seal(challenge.content(), bag)
     assert Challenge.of(unseal(bag)) == challenge
     assert execute_command([str(file), '--challenge', str(bag), '-o', str(out)]) == 0
     assert 'idle' not in capsys.readouterr().out + Card.load(out).notes

@@ -18,7 +18,6 @@ from wattwalk_core.errors import InputError
     '--report t.html',
 )
 def track(parser: ArgumentParser, args: Arguments) -> Namespace:
-    common.add_effects_path(parser)
     common.add_bags(parser)
     parser.add_argument('--model', required=True, metavar='MODEL.yaml', help='model of effects')
     add_workplace(parser, 'recordings')

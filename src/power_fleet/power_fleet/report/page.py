@@ -14,6 +14,7 @@ from wattwalk_core.pages.page import COLORS, Figure, Page, escape, finished, sho
 
 from power_fleet.track.change_test import Change
 from power_fleet.track.outcome import Tracked
+from power_fleet.track.search import CertainChange
 
 
 def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -> Figure:
@@ -148,25 +149,35 @@ def _section_changes(page: Page, found: Tracked) -> None:
     page.heading('What changed')
     rows = []
     for finding in found.result.findings:
-        change, history = finding.change, found.histories[finding.drive]
-        profile = change.profile
-        begin, end = found.ends(finding.drive, change)
+        change = finding.change
+        *course, end, watts = _cells(found, finding)
         percent = found.percent(finding.drive, change)
         rows.append(
             [
-                history.drive,
-                change.hypothesis,
-                'step' if profile.step else 'drift',
-                history.recordings[profile.first],
-                f'{begin:.4g}',
-                f'{end:.4g} ± {1.96 * change.error:.2g} {found.unit(change.hypothesis)}',
+                *course,
+                f'{end} ± {1.96 * change.error:.2g} {found.unit(change.hypothesis)}',
                 '–' if percent is None else f'{percent:+.0f} %',
-                f'{found.watts(finding.drive, change):+.2f} W',
+                f'{watts} W',
                 ', '.join(rival.hypothesis for rival in finding.rivals) or 'nothing',
             ]
         )
     columns = ['drive', 'effect', 'course', 'since', 'from', 'to', 'size', 'power', 'or else']
     page.table(columns, rows, numbers=(4, 5, 6, 7))
+
+
+def _cells(found: Tracked, finding: CertainChange) -> tuple[str, ...]:
+    """Cells on a change: drive, effect, course, since when, the ends in its unit, and watts."""
+    change, history = finding.change, found.histories[finding.drive]
+    begin, end = found.ends(finding.drive, change)
+    return (
+        history.drive,
+        change.hypothesis,
+        'step' if change.profile.step else 'drift',
+        history.recordings[change.profile.first],
+        f'{begin:.4g}',
+        f'{end:.4g}',
+        f'{found.watts(finding.drive, change):+.2f}',
+    )
 
 
 def _section_explained(page: Page, found: Tracked) -> None:
@@ -213,17 +224,6 @@ def print_tracked(console: Console, found: Tracked) -> None:
     for name in ('from', 'to', 'W', 'certainty'):
         table.add_column(name, justify='right')
     for finding in found.result.findings:
-        change, history = finding.change, found.histories[finding.drive]
-        begin, end = found.ends(finding.drive, change)
-        profile = change.profile
-        table.add_row(
-            plain(printable(history.drive)),
-            change.hypothesis,
-            'step' if profile.step else 'drift',
-            plain(printable(history.recordings[profile.first])),
-            f'{begin:.4g}',
-            f'{end:.4g}',
-            f'{found.watts(finding.drive, change):+.2f}',
-            f'{finding.certainty:.3f}',
-        )
+        cells = (plain(printable(cell)) for cell in _cells(found, finding))
+        table.add_row(*cells, f'{finding.certainty:.3f}')
     console.print(table)

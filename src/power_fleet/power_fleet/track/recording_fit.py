@@ -25,6 +25,7 @@ from wattwalk_core.files import code_fingerprint, file_fingerprint
 TIME_OFFSET = 'time_offset'
 _DRAWS = 120  # bootstraps of the blocks
 _DELAY_DRAWS = 20
+_SEED = 0
 _LEAST_SHARE = 1e-9  # of the mean of a gram matrix's diagonal, so that it can be inverted
 
 
@@ -62,9 +63,7 @@ class RecordingFit:
     power: Floats  # W [D, 2], mean and rms that the drive draws
 
 
-def fit_recording(
-    judge: Judge, model: EffectModel, occasion: Occasion, *, seed: int = 0
-) -> RecordingFit:
+def fit_recording(judge: Judge, model: EffectModel, occasion: Occasion) -> RecordingFit:
     """Fit the effects of a model and the errors of measurement to one recording, per drive.
 
     InputError for a recording that is too short or too still.
@@ -74,11 +73,11 @@ def fit_recording(
     terms = measurement_terms(judge.catalogue, shaft='shaft' in structure.names)
     fitter = own.fitter(per_drive=True)
     fit = fitter.fit(structure.plus(*terms), iterations=4)
-    values, covariance, inverse, gram = _solved(fitter, fit, seed)
+    values, covariance, inverse, gram = _solved(fitter, fit)
     columns = fit.design.columns
     labels = fit.structure.labels
     responses = _responses(fitter, fit, inverse, gram)
-    delays = fitter.delay_draws(fit, _DELAY_DRAWS, seed)
+    delays = fitter.delay_draws(fit, _DELAY_DRAWS, _SEED)
     of_grid = fitter.settings.fine_delay / np.sqrt(12.0)  # s, standard deviation
     spread = np.square(max(float(delays.std()), of_grid))
     values, covariance, responses = _with_delay(values, covariance, responses, fit.delay, spread)
@@ -100,7 +99,7 @@ def fit_recording(
     )
 
 
-def _solved(fitter: Fitter, fit: Fit, seed: int) -> tuple[Floats, Floats, Floats, Floats]:
+def _solved(fitter: Fitter, fit: Fit) -> tuple[Floats, Floats, Floats, Floats]:
     """Coefficients [D, m] without bounds, their covariance, and the matrices behind [D, m, m].
 
     A bounded estimate is no longer linear in the power: next to a bound its mean and its spread
@@ -109,7 +108,7 @@ def _solved(fitter: Fitter, fit: Fit, seed: int) -> tuple[Floats, Floats, Floats
     normal, design = fit.normal, fit.design
     prior = design.structure.priors(fitter.scale)
     _, _, ridge = group_limits(design, prior, fitter.weight, fitter.groups)
-    drawn = fitter.drawn(_DRAWS, seed)
+    drawn = fitter.drawn(_DRAWS, _SEED)
     drives, m = normal.moment.shape[1:]
     values, covariance = np.empty((drives, m)), np.empty((drives, m, m))
     inverse, grams = np.empty((drives, m, m)), np.empty((drives, m, m))

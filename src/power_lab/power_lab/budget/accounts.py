@@ -21,7 +21,7 @@ from power_estimator.judge.judge import Judge
 from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
-from power_lab.budget.draws import Draws, coefficient_draws
+from power_lab.budget.draws import Draws, coefficient_draws, with_torque
 from power_lab.budget.tally import ELECTRONICS, Tally, block_sums, blocks_of, phase_masks
 from power_lab.compare.comparison import describe_state
 
@@ -165,9 +165,8 @@ class Accounts:
             constant = self.prepared.torque_constant[drive]
             if group.torque_constant is not None and np.isfinite(constant):
                 ratio[drive] = group.torque_constant / constant
-        torque, rate = signals.torque * ratio, signals.torque_rate * ratio
         scale = DriveScale.stack([group.scale for group in self.members])
-        return replace(signals, torque=torque, motor_torque=torque, torque_rate=rate, scale=scale)
+        return replace(with_torque(signals, ratio), scale=scale)
 
     @cached_property
     def base(self) -> BasePower | None:

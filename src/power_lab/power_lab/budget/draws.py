@@ -105,8 +105,7 @@ def _torque_exponents(model: EffectModel, signals: Signals, coefficients: Floats
     for active in structure.free:
         if active.effect.acts_on == 'speed':
             rigid[:, structure.columns_of(active.name)] = 0.0
-    torque, rate = _MORE * signals.torque, _MORE * signals.torque_rate
-    loaded = replace(signals, torque=torque, motor_torque=torque, torque_rate=rate)
+    loaded = with_torque(signals, _MORE)
     usual, more = (split(structure, rigid, one).slopes for one in (signals, loaded))
     out = np.zeros_like(coefficients)
     for active in structure.free:
@@ -117,6 +116,12 @@ def _torque_exponents(model: EffectModel, signals: Signals, coefficients: Floats
                 shown = before > 0.0
                 out[shown, column] = 0.5 * np.log(after[shown] / before[shown]) / np.log(_MORE)
     return out
+
+
+def with_torque(signals: Signals, times: Floats | float) -> Signals:
+    """Signals with their torque times a factor, by drive [D] or sample [T, D] or for all."""
+    torque, rate = signals.torque * times, signals.torque_rate * times
+    return replace(signals, torque=torque, motor_torque=torque, torque_rate=rate)
 
 
 def _from_intervals(

@@ -15,6 +15,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.accounts import DRAWS, Accounts
+from power_lab.budget.draws import with_torque
 from power_lab.budget.tally import interval
 
 _SECONDS: Final = 120.0  # that a change is computed on: longer recordings in pieces
@@ -122,9 +123,7 @@ class _Trial:
         prepared, masks = self._accounts.prepared, self._accounts.masks
         stands = masks.get('stance', masks['all'])
         near = np.searchsorted(prepared.time, signals.time).clip(0, len(prepared.time) - 1)
-        times = np.where(stands[near], factor, 1.0)
-        torque, rate = signals.torque * times, signals.torque_rate * times
-        return replace(signals, torque=torque, motor_torque=torque, torque_rate=rate)
+        return with_torque(signals, np.where(stands[near], factor, 1.0))
 
     def _unseen_w(self, change: Floats) -> float:
         """Deviation of the mean of a change [T] in W, for what lies between the pieces."""

@@ -1,7 +1,7 @@
 """Budgets as tables to print."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from math import isfinite
 from typing import Any
@@ -88,13 +88,13 @@ def tables(
     if battery:
         made.append(_hours(accounts, battery))
     if differences:
-        made.append(_table(f'against {differences[0].against}', 'W', '90 % interval'))
+        made.append(ruled_table(f'against {differences[0].against}', ('', 'W', '90 % interval')))
         for one in differences:
             if one.drive == accounts[0].first and one.phase == 'all':
                 made[-1].add_row(f'{one.recording}: {in_words(one.effect)}', *signed_w(one))
     if levers:
         title = 'change of the mean power at the same motion'
-        made.append(_table(title, 'W', '90 % interval'))
+        made.append(ruled_table(title, ('', 'W', '90 % interval')))
         for lever in levers:
             made[-1].add_row(lever.change, *signed_w(lever))
     console = Console(width=_WIDTH, highlight=False)
@@ -123,7 +123,8 @@ def _of_account(account: Account) -> list[Table]:
 
 
 def _parts(account: Account, member: str) -> Table:
-    table = _table(f'{member}: {account.energy_wh:.3g} Wh metered', 'W', '90 % interval', 'share')
+    title = f'{member}: {account.energy_wh:.3g} Wh metered'
+    table = ruled_table(title, ('', 'W', '90 % interval', 'share'))
     for share in sorted(account.shares(member), key=_order):
         table.add_row(in_words(share.effect), *share_cells(share))
     watts, (low, high) = account.power()
@@ -134,7 +135,7 @@ def _parts(account: Account, member: str) -> Table:
 def _side_by_side(
     title: str, columns: Sequence[str], shares: Callable[[str], list[Share]]
 ) -> Table:
-    table = _table(title, *columns)
+    table = ruled_table(title, ('', *columns))
     found = {column: {s.effect: s for s in shares(column)} for column in columns}
     every = {s.effect: s for own in found.values() for s in own.values()}
     for effect, _ in sorted(every.items(), key=lambda item: _order(item[1])):
@@ -144,7 +145,7 @@ def _side_by_side(
 
 
 def _hours(accounts: Sequence[Account], battery: float) -> Table:
-    table = _table(f'hours from {battery:g} Wh', 'h', '90 % interval')
+    table = ruled_table(f'hours from {battery:g} Wh', ('', 'h', '90 % interval'))
     rows: list[tuple[str, dict[str, Any] | None]] = [*accounts[0].runtime(battery).items()]
     if len(accounts) > 2:
         rows += [(one.name, one.runtime(battery).get('all')) for one in accounts[1:]]
@@ -167,11 +168,11 @@ def signed_w(one: Lever | BudgetDifference) -> tuple[str, str]:
     return f'{one.mean_w:+.2f}', '{:+.2f} … {:+.2f}'.format(*one.interval)
 
 
-def _table(title: str, *numbers: str) -> Table:
+def ruled_table(title: str, columns: Sequence[str], left: Collection[str] = ('',)) -> Table:
+    """An empty table; left: columns of text, as numbers are set to the right."""
     table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column('')
-    for name in numbers:
-        table.add_column(name, justify='right')
+    for name in columns:
+        table.add_column(name, justify='left' if name in left else 'right')
     return table
 
 

@@ -98,16 +98,11 @@ def draw(seed: int) -> Challenge:
     return Challenge(hidden, strength if hidden else 1.0, ('shaft', *known), unit)
 
 
-def seal(challenge: Challenge, bag: Path) -> Path:
-    """Write the answer into the bag, unreadable at a glance; return its path.
+def seal(content: Mapping[str, Any], folder: Path) -> Path:
+    """Write an answer into a bag or folder, unreadable at a glance; return its path.
 
     It guards against looking by accident, not against wanting to know.
     """
-    return seal_content(challenge.content(), bag)
-
-
-def seal_content(content: Mapping[str, Any], folder: Path) -> Path:
-    """Write an answer into a folder as `seal` does; return its path."""
     path = folder / SEALED
     packed = zlib.compress(json.dumps(content).encode())
     write_whole(path, base64.b64encode(_mixed(packed)).decode() + '\n')

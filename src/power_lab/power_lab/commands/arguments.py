@@ -24,7 +24,8 @@ def add_effects_path(parser: ArgumentParser) -> None:
 
 
 def add_bags(made: ArgumentParser) -> None:
-    """Add the recordings (positional), and the options of `add_reading`."""
+    """Add --effects-path, the recordings (positional), and the options of `add_reading`."""
+    add_effects_path(made)
     made.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings')
     add_reading(made)
 
@@ -125,7 +126,6 @@ def reveal(parser: ArgumentParser, args: Arguments) -> Namespace:
     'example: ros2 run power_lab budget bags/walk --battery 907Wh --report budget.html',
 )
 def budget(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--model', metavar='MODEL.yaml', help='model of effects (default: one is chosen)')
@@ -153,7 +153,6 @@ def budget(parser: ArgumentParser, args: Arguments) -> Namespace:
     'mechanical_power --report compare.html',
 )
 def compare(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add_effects_path(parser)
     add_bags(parser)
     parser.add_argument(
         '--models',
@@ -177,7 +176,6 @@ def compare(parser: ArgumentParser, args: Arguments) -> Namespace:
     'example: ros2 run power_lab diagnose bags/walk --model base.yaml --report why.html',
 )
 def diagnose(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
@@ -210,7 +208,6 @@ def diagnose(parser: ArgumentParser, args: Arguments) -> Namespace:
     '-o effect.py --report why.html',
 )
 def discover(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
@@ -269,7 +266,6 @@ def execute(parser: ArgumentParser, args: Arguments) -> Namespace:
     'example: ros2 run power_lab fit bags/walk --effects shaft,copper_loss,idle -o base.yaml',
 )
 def fit(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add(

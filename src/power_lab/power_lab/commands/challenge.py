@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> None:
         overwrite=options.overwrite,
         progress=True,
     )
-    seal(challenge, options.output)
+    seal(challenge.content(), options.output)
     bag, known = options.output, ','.join(challenge.known)
     write_json(options.json, {'known': list(challenge.known)})
     if options.walk:
@@ -53,10 +53,9 @@ def reveal(options: argparse.Namespace) -> None:
     if options.diagnosis:
         try:
             found = json.loads(options.diagnosis.read_text(encoding='utf-8'))
-        except (OSError, ValueError) as error:
+            verdict = found['verdict']
+        except (OSError, ValueError, LookupError, TypeError) as error:
             raise InputError(f'{options.diagnosis}: not what diagnose --json writes') from error
-        if not isinstance(found, dict) or 'verdict' not in found:
-            raise InputError(f'{options.diagnosis}: not what diagnose --json writes')
         answer['score'] = score(answer, found)
-        print(f'the diagnosis ({found["verdict"]}) is {answer["score"]}')
+        print(f'the diagnosis ({verdict}) is {answer["score"]}')
     write_json(options.json, answer)

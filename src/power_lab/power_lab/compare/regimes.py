@@ -12,6 +12,7 @@ from wattwalk_core.arrays import Floats
 _TORQUE_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 _SPEED_EDGES = (0.1, 0.3, 0.6, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
 _BINS = 8
+_SHOWN = 5  # ranges
 _LEAST_ROWS = 25  # half a second
 _LEAST_SHARE = 0.01  # of the squared error
 _RATE = 50.0  # Hz, of the rows
@@ -76,14 +77,12 @@ def worst_regimes(
     state: Mapping[str, Floats],
     names: Sequence[str],
     labels: Mapping[str, NDArray[np.str_]] | None = None,
-    count: int = 5,
     scale: DriveScale | None = None,
 ) -> list[Regime]:
     """Ranges of state with the largest mean errors, worst first; a quantity at most once a drive.
 
     residual: measured − estimated, W [N, D]; state: signals [N, D] by name; labels: words [N, D]
-    by name, such as stance; count: ranges to return; scale: sizes of the drives, which scale the
-    ranges.
+    by name, such as stance; scale: sizes of the drives, which scale the ranges.
     """
     found: list[Regime] = []
     for drive, name in enumerate(names):
@@ -101,7 +100,7 @@ def worst_regimes(
         for key, words in (labels or {}).items():
             found += _by_label(name, error, key, words[good, drive], total)
     found.sort(key=lambda regime: -abs(regime.error_w) * np.sqrt(regime.share * regime.seconds))
-    return found[:count]
+    return found[:_SHOWN]
 
 
 def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
@@ -115,16 +114,16 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     if values.size < _LEAST_ROWS:
         return []
     low, high = np.quantile(values, [0.002, 0.998]).tolist()
-    edges = np.linspace(low, high, count + 1)
+    edges = np.linspace(low, high, count + 1).tolist()
     place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, count - 1)
-    out = []
-    for index in range(count):
-        own = error[place == index]
-        if own.size >= _LEAST_ROWS // 5:
-            low, high = edges[index : index + 2].tolist()
-            rmse = float(np.sqrt(np.mean(np.square(own))))
-            out.append(Bin(low, high, float(own.mean()), rmse, own.size))
-    return out
+    rows, sums, squares = (
+        np.bincount(place, weights, count) for weights in (None, error, np.square(error))
+    )
+    return [
+        Bin(edges[at], edges[at + 1], float(sums[at] / n), float(np.sqrt(squares[at] / n)), n)
+        for at, n in enumerate(rows.tolist())
+        if n >= _LEAST_ROWS // 5
+    ]
 
 
 def digits(value: float) -> str:
@@ -203,17 +202,16 @@ def _by_range(name: str, error: Floats, key: str, values: Floats, total: float) 
     sums = np.bincount(place, weights=error, minlength=len(edges) - 1)
     rows = np.bincount(place, minlength=len(edges) - 1)
     best: Regime | None = None
-    for a in range(len(edges) - 1):
-        for b in range(a + 1, len(edges)):
-            if b - a > (len(edges) - 1) // 2 or rows[a:b].sum() < _LEAST_ROWS:
-                continue
-            mean = float(sums[a:b].sum() / rows[a:b].sum())
-            share = float(mean**2 * rows[a:b].sum() / max(total, 1e-12))
-            if best is None or share > best.share:
-                low, high = float(edges[a]), float(edges[b])
-                words = f'{key} {digits(low)} to {digits(high)} {UNITS[key]}'
-                seconds = float(rows[a:b].sum()) / _RATE
-                best = Regime(name, (words,), {key: (low, high)}, mean, seconds, share)
+    for a, b in combinations(range(len(edges)), 2):
+        count = float(rows[a:b].sum())
+        if b - a > (len(edges) - 1) // 2 or count < _LEAST_ROWS:
+            continue
+        mean = float(sums[a:b].sum()) / count
+        share = mean**2 * count / max(total, 1e-12)
+        if best is None or share > best.share:
+            low, high = float(edges[a]), float(edges[b])
+            words = f'{key} {digits(low)} to {digits(high)} {UNITS[key]}'
+            best = Regime(name, (words,), {key: (low, high)}, mean, count / _RATE, share)
     return [best] if best is not None and best.share >= _LEAST_SHARE else []
 
 

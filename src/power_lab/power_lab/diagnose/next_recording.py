@@ -1,5 +1,6 @@
 """Motion that would settle a diagnosis, as a file that a bench or a robot can execute."""
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -138,40 +139,21 @@ def _short(value: float) -> float:
 
 
 def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:
-    if excitation.frequency and excitation.mode == 'position':
-        return [
-            {
-                'mode': 'position',
-                'frequency': excitation.frequency,
-                'amplitude': excitation.amplitude,
-                'load': load,
-                'seconds': excitation.seconds,
-            }
-            for load in excitation.loads
-        ]
+    mode, loads, seconds = excitation.mode, excitation.loads, excitation.seconds
+    if excitation.frequency and mode == 'position':
+        wave = {'frequency': excitation.frequency, 'amplitude': excitation.amplitude}
+        return [{'mode': mode, **wave, 'load': load, 'seconds': seconds} for load in loads]
     if excitation.frequency:
+        wave = {'low': min(loads), 'high': max(loads), 'frequency': excitation.frequency}
+        return [{'mode': 'torque', **wave, 'seconds': seconds}]
+    if mode == 'torque':
         return [
-            {
-                'mode': 'torque',
-                'low': min(excitation.loads),
-                'high': max(excitation.loads),
-                'frequency': excitation.frequency,
-                'seconds': excitation.seconds,
-            }
-        ]
-    if excitation.mode == 'torque':
-        return [
-            {'mode': 'torque', 'torque': load, 'speed': speed, 'seconds': excitation.seconds}
-            for speed in excitation.speeds
-            for load in excitation.loads
+            {'mode': mode, 'torque': load, 'speed': speed, 'seconds': seconds}
+            for speed, load in itertools.product(excitation.speeds, loads)
         ]
     sizes = sorted({abs(speed) for speed in excitation.speeds})
-    return [
-        segment
-        for load in excitation.loads
-        for size in sizes
-        for segment in _passes(size, load, excitation.seconds)
-    ]
+    each = (_passes(size, load, seconds) for load, size in itertools.product(loads, sizes))
+    return [*itertools.chain.from_iterable(each)]
 
 
 def _passes(speed: float, load: float, seconds: float) -> list[dict[str, Any]]:

@@ -58,6 +58,11 @@ _FINALISTS = 3  # options that are fitted with all else
 Show = Callable[[str], None]
 
 
+def _least(floor: Floats, error: Floats | float) -> Floats:
+    """Least gain that counts as explained on a drive, W²; floor: W; error: squared, W²."""
+    return np.maximum(0.3 * np.square(floor), 0.02 * error)
+
+
 class Discoverer:
     """Learns effects that a model misses and no catalogue has, from prepared signals."""
 
@@ -156,7 +161,7 @@ class Discoverer:
         base_error = {p.drive: max(p.base_error, 1e-9) for p in drives}
         likely = chance(screened, list(base_error.values()))
         explained = self._explained(drives, point, screened, number)
-        least = {d: max(0.3 * float(floor[d]) ** 2, 0.02 * base_error[d]) for d in base_error}
+        least = {d: float(_least(floor[d], error)) for d, error in base_error.items()}
         ranked = options(explained, least, {d: float(floor[d]) ** 2 for d in least})
         in_time_gain = sum(one.gain for one in in_times.values())
         state_gain = ranked[0].shape_gain if ranked else 0.0
@@ -288,46 +293,41 @@ class Discoverer:
         close = [o for o in ranked[:_FINALISTS] if o.score >= CLOSE * ranked[0].score]
         finalists = [self._finalist(option, best, drives, point, found) for option in close]
         one = max(finalists, key=lambda f: f.gain.sum() * handicap(f.formula.family))
-        option, name, formula, gain = one.option, one.name, one.formula, one.gain
-        after, effect, places = one.after, one.effect, one.formula.places
-        own = tuple(
-            d
-            for d in places
-            if gain[d] >= max(0.3 * float(floor[d]) ** 2, 0.02 * best.mean_mse[d])
-        )
+        option, formula, gain = one.option, one.formula, one.gain
+        least = _least(floor, best.mean_mse)
+        own = tuple(d for d in formula.places if gain[d] >= least[d])
         kept_gain = np.zeros(len(gain))
         kept_gain[list(own)] = gain[list(own)]
         if not own or not above_floor(kept_gain, floor):
             return None
         if found and kept_gain.sum() < _NEXT_SHARE**2 * found[0].gain.clip(0).sum():
             return None
-        interval = interval_of(best, after, own, self.seed)
+        interval = interval_of(best, one.after, own, self.seed)
         if interval[0] <= 0.0:
             return None
         if self._names_left:
-            least = np.maximum(0.3 * np.square(floor), 0.02 * best.mean_mse)
             known = self.examiner, self.catalogue, self.structure
             named = named_instead(*known, best, self._examined, least, float(kept_gain.sum()))
             if named is not None:
                 return named
         learned = Found(
-            name=name,
+            name=one.name,
             kind=formula.kind,
             drives=own,
             gain=kept_gain,
             interval=interval,
-            formula=replace(formula, places={d: places[d] for d in own}),
+            formula=replace(formula, places={d: formula.places[d] for d in own}),
             shapes=option.shapes,
             kept=min(1.0, option.kept),
             rivals=tuple(
                 (
-                    one.formula.text(),
-                    float(np.sqrt(max(option.formula.gain - one.formula.gain, 0))),
+                    other.formula.text(),
+                    float(np.sqrt(max(option.formula.gain - other.formula.gain, 0))),
                 )
-                for one in ranked[1:4]
+                for other in ranked[1:4]
             ),
         )
-        return self._settled(learned, after, effect.name)
+        return self._settled(learned, one.after, one.effect.name)
 
     def _written(
         self,

@@ -34,22 +34,22 @@ def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
         for name in _HELPERS
         if any(name in driver.code for driver in drivers)
     ]
-    parts = [
-        '"""Effects found by `power_lab discover`: hypotheses, to be confirmed by experiment."""',
-        '',
-        'import numpy as np',
-        'from numpy.typing import NDArray',
-        'from power_estimator.effects import Effect, Excitation, Term, smooth_sign',
-        '',
-        'Floats = NDArray[np.float64]',
-        f'LEARNED_FROM = {tuple(source)!r}',
-        '',
-        '',
-        '\n\n'.join(helpers),
-        '',
-        '\n\n'.join(_class(one) for one in effects),
-    ]
-    text = '\n'.join(parts)
+    helper_lines = '\n\n'.join(helpers)
+    classes = '\n\n'.join(_class(one) for one in effects)
+    text = f'''\
+"""Effects found by `power_lab discover`: hypotheses, to be confirmed by experiment."""
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Effect, Excitation, Term, smooth_sign
+
+Floats = NDArray[np.float64]
+LEARNED_FROM = {tuple(source)!r}
+
+
+{helper_lines}
+
+{classes}'''
     ast.parse(text)
     return text
 
@@ -58,85 +58,75 @@ _IGNORE = '  # type: ignore[no-untyped-def]'
 
 
 def _class(one: Written) -> str:
-    formula, family = one.formula, one.formula.family
+    formula, family, driver = one.formula, one.formula.family, one.formula.family.driver
+    primitive, terms = formula.primitive, formula.primitive.terms
     unit = {'torque': 'N·m on the motor', 'power': 'W at the input'}[family.acts_on]
-    symbols = ['A·cos(phase)', 'A·sin(phase)'] if formula.primitive.terms > 1 else ['c']
-    terms = '\n'.join(
+    symbols = ['A·cos(phase)', 'A·sin(phase)'] if terms > 1 else ['c']
+    term_lines = '\n'.join(
         f'        Term({symbol!r}, {formula.unit!r}, {low!r}, {high!r}),'
         for symbol, (low, high) in zip(symbols, one.bounds, strict=True)
     )
     places = '\n'.join(f'    {name!r}: {dict(given)!r},' for name, given in one.places.items())
     table = f'{one.name.upper()}_PLACES'
-    memory_lines = '            rate = signals.rate', "            given = place['given']"
-    arguments = ''.join(f", place['{name}']" for name in formula.primitive.parameters)
     class_name = ''.join(part.capitalize() for part in one.name.split('_'))
-    lines = [
-        f'{table} = {{',
-        places,
-        '}',
-        '"""Parameters by drive, SI units; drives that are not here do not have the effect."""',
-        '',
-        '',
-        f'class {class_name}(Effect):',
-        '    """A hypothesis: see physics."""',
-        '',
-        f'    name = {one.name!r}',
-        f'    physics = {one.physics!r}',
-        f'    formula = {formula.text()!r}',
-        '    terms = (',
-        terms,
-        '    )',
-        f'    acts_on = {family.acts_on!r}',
-    ]
-    if not family.driver.other:
-        lines.append('    per_drive = True')
-    if family.driver.memory:
-        lines.append('    remembers = True')
-    if family.acts_on == 'torque':
-        lines.append('    needs_joint_torque = True')
-    if 'drawn' in family.driver.code:
-        lines.append("    follows = frozenset({'drawn'})")
-    lines += [
-        f'    near = {tuple(one.near)!r}',
-        '    excitation = Excitation('
-        + ', '.join(f'{k}={v!r}' if k != 'text' else repr(v) for k, v in one.excitation.items())
-        + ')',
-        '',
-        '    def factors(self, scale):',
-        '        """1: the bounds are those of the drives above, not of a reference drive."""',
-        '        return np.ones((len(scale.torque), len(self.terms)))',
-        '',
-        '    def regressors(self, signals, **shape):',
-        f'        """Return {unit} per unit coefficient."""',
-        f'        found = np.zeros((*signals.torque.shape, {formula.primitive.terms}))',
-        '        for column, drive in enumerate(signals.names):',
-        f'            place = {table}.get(drive)',
-        *_guard(one),
-        '            standstill = float(signals.scale.standstill[column])',
-        '            velocity = signals.motor_velocity[:, column]',
-        '            torque = signals.torque[:, column]',
-        *(memory_lines if family.driver.memory else ()),
-        f'            z = {family.driver.code}',
-        f'            value = {formula.primitive.of.__name__}(z{arguments})',
-    ]
+    flags = {
+        'per_drive = True': not driver.other,
+        'remembers = True': driver.memory,
+        'needs_joint_torque = True': family.acts_on == 'torque',
+        "follows = frozenset({'drawn'})": 'drawn' in driver.code,
+    }
+    flag_lines = ''.join(f'    {line}\n' for line, holds in flags.items() if holds)
+    excited = ', '.join(f'{k}={v!r}' for k, v in one.excitation.items()).removeprefix('text=')
+    guard = other_line = memory_lines = ''
+    if driver.other:
+        guard = " or place['other'] not in signals.names"
+        other_line = "            other = signals.names.index(place['other'])\n"
+    if driver.memory:
+        memory_lines = "            rate = signals.rate\n            given = place['given']\n"
+    arguments = ''.join(f", place['{name}']" for name in primitive.parameters)
     factor = family.factor.code or '1.0'
-    if formula.primitive.terms > 1:
-        lines.append(f'            found[:, column] = value * np.asarray({factor})[..., None]')
-    else:
-        lines.append(f'            found[:, column, 0] = value * ({factor})')
-    lines += ['        return found', '']
-    text = '\n'.join(lines)
+    product = f'[:, column, 0] = value * ({factor})'
+    if terms > 1:
+        product = f'[:, column] = value * np.asarray({factor})[..., None]'
+    text = f'''{table} = {{
+{places}
+}}
+"""Parameters by drive, SI units; drives that are not here do not have the effect."""
+
+
+class {class_name}(Effect):
+    """A hypothesis: see physics."""
+
+    name = {one.name!r}
+    physics = {one.physics!r}
+    formula = {formula.text()!r}
+    terms = (
+{term_lines}
+    )
+    acts_on = {family.acts_on!r}
+{flag_lines}    near = {tuple(one.near)!r}
+    excitation = Excitation({excited})
+
+    def factors(self, scale):
+        """1: the bounds are those of the drives above, not of a reference drive."""
+        return np.ones((len(scale.torque), len(self.terms)))
+
+    def regressors(self, signals, **shape):
+        """Return {unit} per unit coefficient."""
+        found = np.zeros((*signals.torque.shape, {terms}))
+        for column, drive in enumerate(signals.names):
+            place = {table}.get(drive)
+            if place is None{guard}:
+                continue
+{other_line}            standstill = float(signals.scale.standstill[column])
+            velocity = signals.motor_velocity[:, column]
+            torque = signals.torque[:, column]
+{memory_lines}            z = {driver.code}
+            value = {primitive.of.__name__}(z{arguments})
+            found{product}
+        return found
+'''
     return _without_unused(text)
-
-
-def _guard(one: Written) -> list[str]:
-    if one.formula.family.driver.other:
-        return [
-            "            if place is None or place['other'] not in signals.names:",
-            '                continue',
-            "            other = signals.names.index(place['other'])",
-        ]
-    return ['            if place is None:', '                continue']
 
 
 def _without_unused(text: str) -> str:

@@ -2,7 +2,7 @@
 
 import io
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 from power_estimator.effects.signals.prepared import WHOLE
+from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import save_figure, style
 from wattwalk_core.pages.page import Page, escape
 
@@ -142,16 +143,12 @@ def bars(account: Account) -> Figure:
         members = account.groups
     figure = Figure(figsize=(9, 1.6 + 0.5 * len(members)), layout='constrained')
     axes = figure.subplots()
-    ends = {-1.0: np.zeros(len(members)), 1.0: np.zeros(len(members))}
     watts = [by_family(account, member) for member in members]
-    for family, (words, colour, _) in FAMILIES.items():
-        own = np.array([values.get(family, 0.0) for values in watts])
-        looks: Any = {'color': colour, 'label': words, **_looks(colour)}
-        for sign, left in ends.items():
-            part = np.where(np.sign(own) == sign, own, 0.0)
-            if np.abs(part).max() > 1e-3:
-                axes.barh(range(len(members)), part, left=left, height=0.7, **looks)
-                left += part
+    families = {
+        family: np.array([values.get(family, 0.0) for values in watts]) for family in FAMILIES
+    }
+    for part, left, colour, looks in _stacked(families, least=1e-3):
+        axes.barh(range(len(members)), part, left=left, height=0.7, color=colour, **looks)
     for place, member in enumerate(members):
         mean = float(account.tallies[member].means[0, 0, -1])
         axes.plot([mean, mean], [place - 0.42, place + 0.42], color='black', lw=2.2, zorder=3)
@@ -226,19 +223,8 @@ def gait(cycle: GaitCyclePower) -> Figure:
     """Stacked power of one leg over its gait cycle, by family of effects."""
     figure = Figure(figsize=(9, 4.6), layout='constrained')
     axes = figure.subplots()
-    ends = {-1.0: np.zeros(len(cycle.percent)), 1.0: np.zeros(len(cycle.percent))}
-    for family, (words, colour, _) in FAMILIES.items():
-        if family in cycle.families:
-            label, looks, own = words, _looks(colour), cycle.families[family]
-            for sign, begin in ends.items():
-                band = np.where(np.sign(own) == sign, own, 0.0)
-                if np.abs(band).max() > 0.05:
-                    end = begin + band
-                    axes.fill_between(
-                        cycle.percent, begin, end, facecolor=colour, lw=0, label=label, **looks
-                    )
-                    label = '_nolegend_'
-                    begin += band
+    for band, begin, colour, looks in _stacked(cycle.families, least=0.05):
+        axes.fill_between(cycle.percent, begin, begin + band, facecolor=colour, lw=0, **looks)
     axes.plot(cycle.percent, cycle.metered, color='black', lw=2.0, label='metered')
     axes.axvspan(0.0, cycle.stance, ymax=0.03, color='#1a1a1a', lw=0)
     place = axes.get_xaxis_transform()
@@ -249,6 +235,22 @@ def gait(cycle: GaitCyclePower) -> Figure:
     axes.set_ylabel('power of one leg [W]')
     _legend(figure)
     return figure
+
+
+def _stacked(
+    families: Mapping[str, Floats], least: float
+) -> Iterator[tuple[Floats, Floats, str, dict[str, Any]]]:
+    """Yield each family's power above 0 and below it, where it begins, its colour and looks.
+
+    families: W [n]; least: W, parts that nowhere have more are left out.
+    """
+    ends = [0.0 * next(iter(families.values())) for _ in range(2)]
+    for family, (words, colour, _) in FAMILIES.items():
+        own = families.get(family, 0.0 * ends[0])
+        for place, part in enumerate((np.minimum(own, 0.0), np.maximum(own, 0.0))):
+            if np.abs(part).max() > least:
+                yield part, ends[place], colour, {'label': words, **_looks(colour)}
+                ends[place] = ends[place] + part
 
 
 def _looks(colour: str) -> dict[str, Any]:

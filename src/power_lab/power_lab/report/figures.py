@@ -81,9 +81,7 @@ def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: 
     return finished(figure)
 
 
-def error_over(
-    key: str, values: Floats, residuals: Mapping[str, Floats], *, unit: str | None = None
-) -> Figure | None:
+def error_over(key: str, values: Floats, residuals: Mapping[str, Floats]) -> Figure | None:
     """Plot the mean error over a quantity, W, one line a model; None where it does not vary.
 
     key: name of the quantity; values: [N]; residuals: measured − estimated by model, W [N].
@@ -97,7 +95,7 @@ def error_over(
         looks = {'mode': 'lines+markers', 'marker': {'size': 5}}
         figure.add_trace(line(middles, means, name, color, '%{x}: %{y} W', width=2, **looks))
     figure.add_hline(y=0.0, line_width=1, line_color=COLORS['line'])
-    figure.update_xaxes(title_text=f'{key.replace("_", " ")} in {unit or UNITS.get(key, "")}')
+    figure.update_xaxes(title_text=f'{key.replace("_", " ")} in {UNITS.get(key, "")}')
     figure.update_yaxes(title_text='mean error in W')
     return finished(figure)
 

@@ -1,6 +1,6 @@
 """Results as tables on a terminal."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,12 +9,12 @@ from power_estimator.effects.model_file.model import EffectModel, FittedValue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.quality.physics import ShaftBalance, power_balance
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from wattwalk_core.errors import printable
 
+from power_lab.budget.tables import ruled_table
 from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.outcome import Outcome
 from power_lab.diagnose.verdict import candidates_to_show
@@ -82,7 +82,7 @@ def _fitted_table(
 ) -> Table:
     long = len(groups) > _ABREAST
     columns = (head, 'unit', *(('drive', 'value') if long else groups))
-    table = _table(f'{title} with 95 % intervals', columns, (head, 'unit', 'drive'))
+    table = ruled_table(f'{title} with 95 % intervals', columns, (head, 'unit', 'drive'))
     for label, unit, values in rows:
         cells = [
             '{:.3g}{}\n({:.3g} … {:.3g})'.format(one.value, _mark(one), *one.interval)
@@ -100,7 +100,7 @@ def _fitted_table(
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
     """Print errors by model and drive, and where they are worst; content: of `Comparison.json`."""
     columns = ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J')
-    table = _table(f'held-out errors over {content["extent"]}', columns, ('model', 'drive'))
+    table = ruled_table(f'held-out errors over {content["extent"]}', columns, ('model', 'drive'))
     for model in content['models']:
         rows = [*model['drives'].items(), ('total', model['total'])]
         for index, (drive, scores) in enumerate(rows):
@@ -144,7 +144,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     console.print(f'active effects: {", ".join(content["active"]) or "none"}')
     title = 'candidates: probability that each is missing, and watts that it explains'
     columns = ('effect', 'probability', 'W', '95 %', 'share', 'alone W', 'coefficient')
-    table = _table(title, columns, ('effect', 'coefficient'))
+    table = ruled_table(title, columns, ('effect', 'coefficient'))
     shown = candidates_to_show(outcome.diagnosis)
     for one in shown:
         low, middle, high = one.explains
@@ -162,7 +162,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         console.print(f'and {more} less probable; all are in --json and --report')
     title = 'measurement: error if its faults are ignored'
     texts = ('value', '95 % interval', 'significant')
-    terms = _table(title, ('error', 'W', *texts), ('error', *texts))
+    terms = ruled_table(title, ('error', 'W', *texts), ('error', *texts))
     for name, term in content['measurement'].items():
         low, high = term['interval']
         terms.add_row(
@@ -177,14 +177,6 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         console.print(f'the model fails at {regime.text}')
     motion = outcome.motion
     console.print(f'to record next ({motion.seconds:.0f} s): {motion.reason}')
-
-
-def _table(title: str, columns: Sequence[str], left: Collection[str]) -> Table:
-    """An empty table; left: columns of text, as numbers are set to the right."""
-    table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in columns:
-        table.add_column(name, justify='left' if name in left else 'right')
-    return table
 
 
 def _mark(one: FittedValue) -> str:

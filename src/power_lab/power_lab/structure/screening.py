@@ -11,7 +11,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from wattwalk_core.arrays import Floats
 
 from power_lab.structure.drivers import Family, driver_values
-from power_lab.structure.shapes import DriveProblem, bend, weight_of
+from power_lab.structure.shapes import DriveProblem, bend, hats, spread, weight_of
 
 MOVES = 39
 """Residuals without a cause: the largest of 39 is exceeded by chance in 1 of 40."""
@@ -25,7 +25,6 @@ LEARNED, LEARNED_ON_ONE = 8, 2
 """Families that shapes are learned of: over all drives, and on each."""
 _NODES, _NODES_OF_TURN = 14, 40
 _SMOOTHING = (1e-3, 1e-1, 10.0)
-_TAIL = 0.002
 
 
 @dataclass(frozen=True)
@@ -76,17 +75,15 @@ class DriverScreen:
         """Held-out gains of one family; None where its driver hardly varies."""
         driver = self._driver(family)
         z = driver[self.rows]
-        low, high = np.quantile(z, (_TAIL, 1.0 - _TAIL))
-        if not np.isfinite(high - low) or high - low < 1e-9 * max(abs(low), abs(high), 1e-6):
+        nodes = spread(z, _NODES_OF_TURN if family.driver.name == 'angle' else _NODES)
+        if nodes is None:
             return None
-        count = _NODES_OF_TURN if family.driver.name == 'angle' else _NODES
-        place = np.clip((z - low) / (high - low) * (count - 1), 0.0, count - 1.000001)
-        left = place.astype(np.intp)
+        left, over = hats(z, nodes)
         weight = self._weight(family)[self.rows]
-        columns = np.zeros((len(z), count))
+        columns = np.zeros((len(z), len(nodes)))
         index = np.arange(len(z))
-        columns[index, left] = weight * (1.0 - (place - left))
-        columns[index, left + 1] += weight * (place - left)
+        columns[index, left] = weight * (1.0 - over)
+        columns[index, left + 1] += weight * over
         targets = self._turned if self._repeats(driver) else self._moved
         gains = self._gains(columns, targets)
         return DriverGain(family, float(gains[0]), gains[1:])
