@@ -58,6 +58,11 @@ class Folders:
             raise InputError(f'{given!r} does not exist')
         return path
 
+    def check_model(self, spec: str) -> None:
+        """Raise InputError for a model whose file is not below a root; a proxy has none."""
+        if spec.endswith(('.yaml', '.yml')) or spec.startswith('ppn:'):
+            self.within(spec.removeprefix('ppn:'))
+
     def recordings(self) -> list[dict[str, Any]]:
         """Return path, name, card and faults of recordings below the roots, without samples."""
         found: dict[Path, dict[str, Any]] = {}

@@ -51,7 +51,7 @@ def application(manager: SessionManager) -> Starlette:
 
         return answer
 
-    def action(route: actions.Action) -> Callable[..., Any]:
+    def action(name: str) -> Callable[..., Any]:
         """A route that changes a session; its body is an object."""
 
         async def answer(request: Request) -> Response:
@@ -64,7 +64,8 @@ def application(manager: SessionManager) -> Starlette:
 
             def work() -> Response:
                 session = session_of(request)
-                found = route(manager, session, content) or {'revision': session.revision}
+                found = actions.act(name, manager.readable(session), session, content)
+                found = found or {'revision': session.revision}
                 return _binary(found) if isinstance(found, bytes) else _json(found)
 
             return await run_in_threadpool(work)
@@ -91,7 +92,7 @@ def application(manager: SessionManager) -> Starlette:
         def begin() -> WorkbenchSession:
             session = session_of(request)
             if given not in ('', TOPIC):
-                actions.check_spec(manager, session, given)
+                manager.readable(session).check_model(given)
             session.live.join()
             return session
 
@@ -154,10 +155,7 @@ def application(manager: SessionManager) -> Starlette:
             Route(f'{here}/moments', of_session(_moments)),
             Route(f'{here}/preview', of_session(_preview)),
             Route(f'{here}/files/{{name}}', of_session(_file)),
-            *(
-                Route(f'{here}/{name}', action(route), methods=['POST'])
-                for name, route in actions.ACTIONS.items()
-            ),
+            *(Route(f'{here}/{name}', action(name), methods=['POST']) for name in actions.ACTIONS),
         ],
     )
 

@@ -96,6 +96,10 @@ class SessionManager:
                 )
         return found
 
+    def readable(self, session: WorkbenchSession) -> Folders:
+        """Return the folders that were named, and that of the session."""
+        return Folders.of([*self.folders.roots, session.folder])
+
     def end(self) -> None:
         """Wake all who wait for news, as the server ends."""
         self.ending = True

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Length, Name, Printable, Quantity, parse, schema
+from wattwalk_core.schema import Name, Printable, Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 FORMAT: Final = 'workbench_session/1'
@@ -72,7 +72,7 @@ class SessionRecord:
     """Steps in their order, of which the first `at` are in force; the others were undone."""
 
     format: Literal['workbench_session/1'] = FORMAT
-    steps: Annotated[tuple[SessionStep, ...], Length(0)] = ()
+    steps: tuple[SessionStep, ...] = ()
     at: Annotated[int, Quantity(0, 100_000)] = 0
 
     def __post_init__(self) -> None:
