@@ -1,5 +1,6 @@
 """Alignment of a sound with a recording: by a clap, the first step, or the gait."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,18 +127,12 @@ def align_sound(
     if method == 'none':
         return None
     ways = {'clap': _by_clap, 'gait': _by_gait, 'step': _by_step}
-    wanted = list(ways) if method == 'auto' else [method]
-    refused = []
-    for name in wanted:
-        try:
-            found = ways[name](sound, events, clap_at)
-        except InputError as error:
-            refused.append(str(error))
-            continue
-        return _refined(found, sound, events)
-    if method == 'auto':
-        return None
-    raise InputError(refused[0])
+    if method != 'auto':
+        return _refined(ways[method](sound, events, clap_at), sound, events)
+    for way in ways.values():
+        with suppress(InputError):
+            return _refined(way(sound, events, clap_at), sound, events)
+    return None
 
 
 def _by_clap(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
