@@ -17,7 +17,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import read_yaml
 
 from power_workbench.sessions.session import WorkbenchSession
-from power_workbench.sessions.steps import SessionRecord, SessionStep
+from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
 from power_workbench.views import maps
 from power_workbench.views.pyramid import Span, extremes
 from power_workbench.views.view import PowerView, Singles
@@ -114,17 +114,17 @@ def coefficients_before(session: WorkbenchSession) -> dict[str, Any]:
 def _commands(session: WorkbenchSession, record: SessionRecord) -> dict[str, str]:
     if record.opened is None:
         return {}
-    commands = session.commands
-    budget = {'budget': commands.budget(record)}
+    commands = Commands(session.folder, record)
+    budget = {'budget': commands.budget()}
     if not session.spec:
         return budget
     return {
         **budget,
-        'compare': commands.compare(record),
-        'diagnose': commands.on_model(record, 'diagnose'),
-        'report': commands.on_model(record, 'diagnose', '--report', 'why.html'),
-        'motion': commands.on_model(record, 'diagnose', '--motion', 'next.yaml', '--limits'),
-        'discover': commands.on_model(record, 'discover', '-o', 'effect.py'),
+        'compare': commands.compare(),
+        'diagnose': commands.on_model('diagnose'),
+        'report': commands.on_model('diagnose', '--report', 'why.html'),
+        'motion': commands.on_model('diagnose', '--motion', 'next.yaml', '--limits'),
+        'discover': commands.on_model('discover', '-o', 'effect.py'),
     }
 
 
@@ -133,7 +133,7 @@ def _step(session: WorkbenchSession, record: SessionRecord, index: int) -> dict[
     return {
         'kind': step.kind,
         'label': label(step),
-        'command': session.commands.of(record, index),
+        'command': Commands(session.folder, record).of(index),
         'rmse_w': mean_of(step.rmse_w),
         'model': step.model,
     }

@@ -14,7 +14,7 @@ from power_workbench.live.feed import LiveFeed
 from power_workbench.sessions.jobs import JobRunner, SessionJob
 from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
 from power_workbench.sessions.source import Findings, Key, SeenModels, Source
-from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
+from power_workbench.sessions.steps import SessionRecord, SessionStep, import_command
 from power_workbench.views.view import PowerView
 
 _STAGES = {
@@ -56,7 +56,6 @@ class WorkbenchSession:
         self.recordings: list[dict[str, Any]] = []
         self.approved: set[str] = set()
         self.log: Mapping[str, Any] = {}
-        self.commands = Commands(folder)
         self.runner = JobRunner(self._heard)
         self.live = LiveFeed(streamed)
         self._changed = changed
@@ -199,7 +198,7 @@ class WorkbenchSession:
             }
 
         def keep(found: Mapping[str, Any]) -> None:
-            command = '' if 'error' in found else self.commands.imported(**given)
+            command = '' if 'error' in found else import_command(**given)
             self.log = {**self.log, 'result': {**found, 'command': command}, 'turn': self.revision}
 
         name = 'Previewing' if only_look else 'Importing'
