@@ -245,11 +245,8 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
     if name == 'value_error':
         return f'{place}{context["error"]}'
     value = quoted(error['input'])
-    if name in ('literal_error', 'enum'):
+    if name == 'literal_error':
         return f'{place}expected {context["expected"]}, there is {value}'
-    if name in ('union_tag_invalid', 'union_tag_not_found'):
-        expected = context.get('expected_tags', 'a known kind')
-        return f'{place}expected {context["discriminator"]} {expected}, there is {value}'
     if name in ('too_short', 'too_long'):
         bound = 'least' if name == 'too_short' else 'most'
         length = context.get('min_length', context.get('max_length'))

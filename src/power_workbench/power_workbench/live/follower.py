@@ -1,7 +1,7 @@
 """Messages of the topics, decoded in blocks, beside the estimate of a model; without ROS."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
@@ -20,6 +20,7 @@ from power_recordings.messages.samples import (
 )
 from power_recordings.reading.topic_buffers import TopicBuffer
 from wattwalk_core.arrays import Floats, Stamps
+from wattwalk_core.console import finite
 from wattwalk_core.errors import InputError
 from wattwalk_core.recent_power import RecentBudget, RecentMean, parts_of
 
@@ -85,33 +86,27 @@ class RollingPower:
         """Return the rows that were completed since the last call, None where there are none."""
         newest = int(self._stamps[-1]) if len(self._stamps) else 0
         last = self._waiting[-1][0] if self._waiting else 0
-        ends: list[int] = []
-        estimates: list[Floats] = []
-        unknown = np.full(len(self.names), np.nan)
+        found: list[tuple[int, Floats]] = []  # end of a row, and the estimate
         while self._waiting and self._waiting[0][0] <= max(newest, last - _PATIENCE):
             end, row = self._waiting.popleft()
             if end > self._end:
-                self._fill(ends, end - PERIOD)
-                estimates += [unknown] * (len(ends) - len(estimates))
-                ends.append(end)
-                estimates.append(row)
+                found += self._without_estimate(end - PERIOD)
+                found.append((end, row))
                 self._end = end
-        self._fill(ends, newest - _PATIENCE)
-        estimates += [unknown] * (len(ends) - len(estimates))
-        if not ends:
+        found += self._without_estimate(newest - _PATIENCE)
+        if not found:
             return None
-        stamps = np.array(ends, np.int64)
-        measured, estimate = self._means(stamps), np.array(estimates)
-        return PowerRows(stamps, self.names, *_with_sum(measured, estimate))
+        stamps = np.array([end for end, _ in found], np.int64)
+        estimate = np.array([row for _, row in found])
+        return PowerRows(stamps, self.names, *_with_sum(self._means(stamps), estimate))
 
-    def _fill(self, ends: list[int], until: int) -> None:
+    def _without_estimate(self, until: int) -> Iterator[tuple[int, Floats]]:
         """Rows without an estimate from the last one to a stamp."""
-        if not len(self._stamps):
-            return
-        self._end = max(self._end, int(self._stamps[0]))
-        while self._end + PERIOD <= until:
-            self._end += PERIOD
-            ends.append(self._end)
+        if len(self._stamps):
+            self._end = max(self._end, int(self._stamps[0]))
+            while self._end + PERIOD <= until:
+                self._end += PERIOD
+                yield self._end, np.full(len(self.names), np.nan)
 
     def _means(self, ends: Stamps) -> Floats:
         """Mean of the measured samples in the 20 ms before each end, [N, D]."""
@@ -318,11 +313,7 @@ def _content(rows: PowerRows | None) -> Mapping[str, Any]:
         return {'names': [], 't': [], 'measured': [], 'estimate': []}
     return {
         'names': list(rows.names),
-        't': [round(stamp / 1e9, 3) for stamp in rows.stamp_ns.tolist()],
-        'measured': [_column(column) for column in rows.measured.T],
-        'estimate': [_column(column) for column in rows.estimate.T],
+        't': np.round(rows.stamp_ns / 1e9, 3).tolist(),
+        'measured': finite(np.round(rows.measured.T, 3).tolist()),
+        'estimate': finite(np.round(rows.estimate.T, 3).tolist()),
     }
-
-
-def _column(values: Any) -> list[float | None]:
-    return [round(value, 3) if np.isfinite(value) else None for value in values.tolist()]

@@ -79,19 +79,14 @@ class SessionManager:
             except InputError:
                 continue
             if record.steps:
-                opened = record.opened
+                paths = record.opened.recordings if record.opened else ()
+                added = [name for s in record.done if s.kind == 'add' for name in s.effects]
                 found.append(
                     {
                         'name': file.parent.name,
                         'steps': len(record.steps),
-                        'recordings': [
-                            Path(path).name for path in (opened.recordings if opened else ())
-                        ],
-                        'effects': list(
-                            dict.fromkeys(
-                                e for s in record.done if s.kind == 'add' for e in s.effects
-                            )
-                        ),
+                        'recordings': [Path(path).name for path in paths],
+                        'effects': [*dict.fromkeys(added)],
                     }
                 )
         return found

@@ -164,14 +164,11 @@ class OpenedCache:
         own |= {name: arrays[name] for name in _ARRAYS}
         view = PowerView(
             **own,
-            residual=None,
             state=_named(arrays, 'state '),
             words={
                 name: StateWords(tuple(texts), arrays[f'words {name}'])
                 for name, texts in about['words'].items()
             },
-            content={},
-            model=None,
             left_out=spans_of(about['left_out']),
         )
         return KeptOpening(view, tuple(about['described']), tuple(about['sha256']))

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -207,10 +208,7 @@ class WorkbenchSession:
     def line(self, spec: str) -> None:
         """Begin to judge another model on the recordings; its errors are in `lines`."""
         source = self.source
-
-        def keep(found: Mapping[str, Any]) -> None:
-            self._seen.keep_line(source, found)
-
+        keep = partial(self._seen.keep_line, source)
         self.start('Comparing', 'line', {'source': source, 'spec': spec}, keep)
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from power_recordings.alignment.filters import masked_correlation
 from power_recordings.reading.reader import Recording
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import correlate
 from scipy.stats import theilslopes
 from wattwalk_core.arrays import Floats
@@ -209,11 +210,11 @@ def _high_passed_signals(sound: Sound, events: Events) -> tuple[Floats, Floats]:
 
 
 def _smooth(values: Floats, length: int) -> Floats:
-    total = np.cumsum(np.concatenate([[0.0], values]))
-    index = np.arange(len(values))
-    low = np.clip(index - length // 2, 0, len(values))
-    high = np.clip(index + (length + 1) // 2, 0, len(values))
-    return np.asarray((total[high] - total[low]) / np.maximum(high - low, 1))
+    """Mean of `length` samples around each, of fewer at the ends."""
+    total, count = (
+        uniform_filter1d(of, length, mode='constant') for of in (values, np.ones_like(values))
+    )
+    return np.asarray(total / count)
 
 
 def _correlation(level: Floats, loading: Floats) -> tuple[Floats, Floats]:
