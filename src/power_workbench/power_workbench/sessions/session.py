@@ -13,13 +13,12 @@ from wattwalk_core.errors import InputError
 
 from power_workbench.live.feed import LiveFeed
 from power_workbench.sessions.jobs import JobRunner, SessionJob
-from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
+from power_workbench.sessions.opened_cache import OpenedCache
 from power_workbench.sessions.source import Findings, Key, SeenModels, Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep, import_command
 from power_workbench.views.view import PowerView
 
 _STAGES = {
-    'open': 'Opening',
     'load': 'Loading the model',
     'fit': 'Fitting',
     'add': 'Adding',
@@ -265,9 +264,8 @@ class WorkbenchSession:
             after = self.record.do(step)
             source = Source.of(step, after.effect_files)
             kept = self._kept(source)
-            if kept is not None and not self.spec:
-                self.runner.warm()
-                self._done(kept.result)
+            if kept is not None:
+                self._done(kept)
             else:
                 self.runner.run('Opening', 'open', {'source': source, 'spec': self.spec})
             return
@@ -294,21 +292,26 @@ class WorkbenchSession:
             self.error = str(error)
             return
         kept = None if self.recordings else self._kept(source)
-        if kept is not None and not self.spec:
-            self.runner.warm()
-            self._keep(kept.result)
+        if kept is not None:
+            self._keep(kept)
             return
         request = 'judge' if self.recordings else 'open'
         self.start('Comparing', request, {'source': source, 'spec': self.spec}, self._keep)
 
-    def _kept(self, source: Source) -> KeptOpening | None:
-        """Show what is known of recordings that were read before, without reading them again."""
+    def _kept(self, source: Source) -> dict[str, Any] | None:
+        """Show what is known of recordings that were read before, without reading them again.
+
+        Returns the result of `open`; None where they are to be read, or a model to be judged.
+        """
         self._partial = None
         kept = self._cache.opening(self._cache.key(source))
         if kept is None or source.sha256 not in ((), kept.sha256):
             return None
         self._partial, self.recordings = kept.view, list(kept.recordings)
-        return kept
+        if self.spec:
+            return None
+        self.runner.warm()
+        return kept.result
 
     def _keep(self, result: Mapping[str, Any]) -> None:
         self.recordings = result.get('recordings', self.recordings)
