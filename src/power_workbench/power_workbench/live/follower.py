@@ -161,7 +161,6 @@ class LiveFollower:
 
     def __init__(self, started: float) -> None:
         self.buffers = {topic: TopicBuffer(topic) for topic in TOPICS}
-        self.stamp = 0
         self._started = started
         self._rolling = RollingPower()
         self._drives, self._supply = RecentMean(), RecentMean()
@@ -170,7 +169,6 @@ class LiveFollower:
         self._session: LiveSession | None = None
         self._status = Status.WARMING_UP
         self._model_on_topic = ''
-        self._estimated = -np.inf
         self._rates = dict.fromkeys(TOPICS, 0.0)
         self._counted = dict.fromkeys(TOPICS, 0)
         self._counted_at = started
@@ -179,15 +177,12 @@ class LiveFollower:
         """Estimate with model `spec`, '' for `power_estimate`; `news` reports one that fails."""
         self._spec, self._fault, self._session = spec, '', None
         self._status = Status.WARMING_UP
-        self._estimated = -np.inf
-        if not spec:
-            return
         try:
-            model = load_model(spec, load_catalogue([Path(file) for file in effect_files]))
+            if spec:
+                catalogue = load_catalogue([Path(file) for file in effect_files])
+                self._session = LiveSession(load_model(spec, catalogue))
         except InputError as error:
             self._fault = str(error)
-            return
-        self._session = LiveSession(model)
 
     def report(self, figures: Mapping[str, str], now: float) -> None:
         """Take the estimator's budget on `diagnostics`, {'PART [W]': text}, at now [s]."""
@@ -198,7 +193,6 @@ class LiveFollower:
         drained = {topic: buffer.drain()[1] for topic, buffer in self.buffers.items()}
         measured, supply, states, commands, published = drained.values()
         if isinstance(measured, DriveSamples) and len(measured):
-            self.stamp = int(measured.stamp_ns[-1])
             power = np.where(measured.good, measured.power, np.nan).astype(np.float64)
             self._rolling.measured(measured.names, measured.stamp_ns, power)
             self._drives.add(measured.stamp_ns, power.sum(axis=1))
@@ -206,16 +200,16 @@ class LiveFollower:
             self._supply.add(supply.stamp_ns, supply.power)
         if self._session is not None:
             try:
-                self._estimate(measured, commands, states, now)
+                self._estimate(self._session, measured, commands, states, now)
             except InputError as error:
                 self._session, self._fault = None, str(error)
         elif not self._spec and isinstance(published, EstimateSamples):
-            self._take_published(published, now)
+            self._take_published(published)
         return {**_content(self._rolling.rows()), **self._state(now), 'budget': self._budget(now)}
 
-    def _estimate(self, supply: Any, commands: Any, states: Any, now: float) -> None:
-        session = self._session
-        assert session is not None
+    def _estimate(
+        self, session: LiveSession, supply: Any, commands: Any, states: Any, now: float
+    ) -> None:
         if isinstance(commands, JointSamples):
             for stamp, row in zip(commands.stamp_ns.tolist(), commands.position, strict=True):
                 session.command(Vector(stamp, commands.names, row[None].astype(float)), now)
@@ -228,16 +222,16 @@ class LiveFollower:
         for stamp, rows in zip(states.stamp_ns.tolist(), values.astype(float), strict=True):
             found = session.joint_state(Vector(stamp, states.names, rows), now)
             if found is not None:
-                self._status, self._estimated = found.status, now
+                self._status = found.status
                 power = found.power.astype(float)
                 self._rolling.estimated(session.drives, found.stamp, power)
 
-    def _take_published(self, published: EstimateSamples, now: float) -> None:
+    def _take_published(self, published: EstimateSamples) -> None:
         for index, stamp in enumerate(published.stamp_ns.tolist()):
             power = published.power[index].astype(float)
             self._rolling.estimated(published.names, stamp, power)
         if len(published):
-            self._model_on_topic, self._estimated = published.model[-1], now
+            self._model_on_topic = published.model[-1]
             self._status = Status(min(int(published.status[-1]), 3))
 
     def _budget(self, now: float) -> dict[str, Any]:
