@@ -13,7 +13,6 @@ line: file, entry, value, and what is allowed.
 
 import dataclasses
 import json
-import math
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -96,7 +95,7 @@ class Quantity:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if kind is int and number and not float(value).is_integer():  # type: ignore[arg-type]
             number = False
-        if not number or math.isnan(value) or not self.low <= value <= self.high:  # type: ignore[arg-type, operator]
+        if not number or not self.low <= value <= self.high:  # type: ignore[operator]
             whole = 'a whole number from ' if kind is int else ''
             limits = f'{whole}{self.low:g} to {self.high:g} {self.unit}'.rstrip()
             raise ValueError(f'expected {limits}, there is {quoted(value)}')

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +124,8 @@ class WorkbenchSession:
 
     def fresh(self, kind: str, suffix: str) -> Path:
         """Return a path KIND_N + suffix in the session's folder that is not there yet."""
-        number = 1
-        while (self.folder / f'{kind}_{number}{suffix}').exists():
-            number += 1
-        return self.folder / f'{kind}_{number}{suffix}'
+        paths = (self.folder / f'{kind}_{number}{suffix}' for number in count(1))
+        return next(path for path in paths if not path.exists())
 
     def _key(self) -> Key | None:
         opened = self.record.opened

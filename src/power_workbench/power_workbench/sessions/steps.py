@@ -4,6 +4,7 @@ import os
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -122,10 +123,8 @@ class SessionRecord:
     def next_model(self) -> str:
         """Return a name for a model file that no step has written."""
         used = {step.model for step in self.steps}
-        number = len(self.steps)
-        while f'model_{number}.yaml' in used or not number:
-            number += 1
-        return f'model_{number}.yaml'
+        names = (f'model_{number}.yaml' for number in count(max(len(self.steps), 1)))
+        return next(name for name in names if name not in used)
 
     def save(self, folder: Path) -> None:
         """Write the session's file, whole or not at all."""
