@@ -118,11 +118,7 @@ class KeptOpening:
     @property
     def result(self) -> dict[str, Any]:
         """Result of the worker's request `open`: view, recordings and sha256."""
-        return {
-            'view': self.view,
-            'recordings': list(self.recordings),
-            'sha256': list(self.sha256),
-        }
+        return dict(vars(self))
 
 
 class OpenedCache:
