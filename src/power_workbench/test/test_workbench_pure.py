@@ -15,7 +15,7 @@ from power_workbench.files.logs import misplaced
 from power_workbench.sessions.source import SeenModels, Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep
 from power_workbench.views import maps, moments
-from power_workbench.views.pyramid import Pyramid, masked
+from power_workbench.views.pyramid import Pyramid, extremes
 from power_workbench.views.view import PowerView, StateWords
 from wattwalk_core.errors import InputError
 
@@ -103,8 +103,8 @@ def test_extremes_of_a_span_are_those_of_all_its_samples(start, stop, most):
 
 def test_extremes_of_marked_rows_are_of_these_alone():
     values = np.arange(10, dtype=np.float32)[:, None]
-    rows = np.isin(np.arange(10), (2, 3, 8))
-    span = masked(values, rows, 0, 10, 5)
+    values[~np.isin(np.arange(10), (2, 3, 8))] = np.nan
+    span = extremes(values, 0, 10, 5)
     assert span.step == 2
     assert span.low[:, 0].tolist()[1] == 2.0
     assert span.high[:, 0].tolist()[1] == 3.0

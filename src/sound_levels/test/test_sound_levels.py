@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sound_levels.commands.arguments import sound as main
 from sound_levels.commands.sound import entries_of
 from sound_levels.levels.analysis import analyse, read_tone
-from sound_levels.levels.meter import measure, reach, response, sections
+from sound_levels.levels.meter import Sound, measure, reach, response, sections
 from sound_levels.levels.settings import Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
 from sound_levels.levels.statistics import FIGURES, Stretch, block_length, differences, levels
@@ -288,12 +288,13 @@ def stretch(level, seconds=60.0, seed=0, swing=0.0):
     for i in range(1, count):
         slow[i] = 0.97 * slow[i - 1] + random.standard_normal()
     energy = 10.0 ** ((level + swing * slow + 0.3 * random.standard_normal(count)) / 10.0)
-    return Stretch('s', energy, energy, float(energy.max()))
+    return Stretch(energy, energy, float(energy.max()))
 
 
 def test_levels_that_are_exceeded_for_a_tenth_half_and_nine_tenths_of_the_time():
     energy = np.repeat(10.0 ** (np.arange(11) / 10.0), 100)
-    found = levels([Stretch.of('s', 0.125, energy, energy, energy)])
+    sound = Sound(8000.0, 0.125, energy, energy, energy, {})
+    found = levels([Stretch.of(sound, np.ones(1100, bool))])
     assert found.leq == pytest.approx(10 * np.log10(energy.mean()))
     assert (round(found.l10), round(found.l50), round(found.l90)) == (9, 5, 1)
     assert found.max == pytest.approx(10.0)
@@ -339,7 +340,7 @@ def test_of_several_files_that_differ_the_interval_holds_the_truth_as_often_as_i
 def steady(level):
     """A second at one level in dB."""
     energy = np.full(8, 10.0 ** (level / 10.0))
-    return Stretch('s', energy, energy, float(energy[0]))
+    return Stretch(energy, energy, float(energy[0]))
 
 
 def test_files_that_do_not_differ_have_an_interval_without_width():

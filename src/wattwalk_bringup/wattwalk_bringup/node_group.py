@@ -45,11 +45,8 @@ class LogFollower:
     def rest(self) -> list[str]:
         """Return all lines up to the end of a log that grows no more."""
         lines: list[str] = []
-        while True:
-            place = self._place
+        while self._place < self._path.stat().st_size:
             lines += self.new_lines()
-            if self._place == place:
-                break
         if line := _plain(self._rest):
             self._rest, self.last = b'', line
             lines.append(line)

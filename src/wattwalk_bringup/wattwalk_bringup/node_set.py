@@ -113,21 +113,21 @@ def _command(
     )
 
 
-def _bus(settings: BringupSettings) -> dict[str, Value]:
-    names = ('interface', 'channel', 'dbc', 'mapping')
+def _on_bus(settings: BringupSettings, *others: str) -> dict[str, Value]:
+    """Settings of the bus, and others, that are parameters of the same names."""
+    names = ('interface', 'channel', 'dbc', 'mapping', *others)
     return {name: getattr(settings, name) for name in names}
 
 
 def _sim(settings: BringupSettings) -> NodeCommand:
-    parameters = {**_bus(settings), 'plant': settings.plant, 'terrain': settings.terrain}
+    parameters = _on_bus(settings, 'plant', 'terrain')
     # The bench supply's readings take the place of the simulated ones.
     remapped = {'supply': 'simulated_supply'} if settings.supply else {}
     return _command(settings, 'sim', 'sim_bridge sim', parameters, remappings=remapped)
 
 
 def _daq(settings: BringupSettings) -> NodeCommand:
-    names = ('calibration', 'bus', 'drives')
-    parameters = {**_bus(settings), **{name: getattr(settings, name) for name in names}}
+    parameters = _on_bus(settings, 'calibration', 'bus', 'drives')
     return _command(settings, 'daq', 'power_daq daq', parameters)
 
 

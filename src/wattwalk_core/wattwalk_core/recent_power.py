@@ -21,13 +21,12 @@ _SECOND: Final = 1_000_000_000  # ns
 
 
 class RecentMean:
-    """Mean of the samples of the last `seconds`; NaN before the first sample.
+    """Mean of the samples of the last SECONDS; NaN before the first sample.
 
     Samples leave in the blocks in which they came. A block that goes back in time begins anew.
     """
 
-    def __init__(self, seconds: float = SECONDS) -> None:
-        self.seconds = seconds
+    def __init__(self) -> None:
         self._blocks: deque[tuple[int, float, int]] = deque()  # last stamp, sum, count
 
     def add(self, stamp_ns: NDArray[np.int64], values: NDArray[np.floating]) -> None:
@@ -39,7 +38,7 @@ class RecentMean:
         if self._blocks and last < self._blocks[-1][0]:
             self._blocks.clear()
         self._blocks.append((last, float(values[known].sum(dtype=np.float64)), int(known.sum())))
-        while last - self._blocks[0][0] >= self.seconds * _SECOND:
+        while last - self._blocks[0][0] >= SECONDS * _SECOND:
             self._blocks.popleft()
 
     @property

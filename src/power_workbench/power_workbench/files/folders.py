@@ -1,7 +1,8 @@
 """Folders that were named: the only places that the page may read from."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -58,12 +59,18 @@ class Folders:
             raise InputError(f'{given!r} does not exist')
         return path
 
+    def check_model(self, spec: str) -> None:
+        """Raise InputError for a model whose file is not below a root; a proxy has none."""
+        if spec.endswith(('.yaml', '.yml')) or spec.startswith('ppn:'):
+            self.within(spec.removeprefix('ppn:'))
+
     def recordings(self) -> list[dict[str, Any]]:
         """Return path, name, card and faults of recordings below the roots, without samples."""
         found: dict[Path, dict[str, Any]] = {}
         with _index() as index:
             for root in self.roots:
-                for path in _bags(root, _DEPTH):
+                is_bag = root.is_file() and root.suffix in ('.mcap', '.db3')
+                for path in [root] if is_bag else _below(root, _DEPTH, _is_bag_folder):
                     if len(found) < _MOST and path not in found:
                         found[path] = {'path': str(path), 'name': path.name, **_said(path, index)}
         return sorted(found.values(), key=lambda one: str(one['path']))
@@ -86,41 +93,28 @@ class Folders:
         found = {
             str(path)
             for root in self.roots
-            for path in _files(root, _DEPTH)
+            for path in _below(root, _DEPTH, Path.is_file)
             if path.suffix.lower() in suffixes
         }
         return sorted(found)[:_MOST]
 
 
-def _bags(folder: Path, depth: int) -> Iterator[Path]:
-    """Bag folders; a link is not followed, so that nothing outside a root is listed."""
-    if folder.is_file():
-        if folder.suffix in ('.mcap', '.db3'):
-            yield folder
-        return
-    if (folder / 'metadata.yaml').exists() or any(folder.glob('*.mcap')):
-        yield folder
-        return
-    for inner in _inner(folder) if depth else ():
-        if inner.is_dir():
-            yield from _bags(inner, depth - 1)
+def _below(path: Path, depth: int, is_wanted: Callable[[Path], bool]) -> Iterator[Path]:
+    """Paths that are wanted, in folders `depth` deep, but none below another.
+
+    A link is not followed, so that nothing outside a root is listed.
+    """
+    if is_wanted(path):
+        yield path
+    elif depth and path.is_dir():
+        with suppress(OSError):
+            for inner in sorted(path.iterdir()):
+                if not inner.is_symlink() and not inner.name.startswith('.'):
+                    yield from _below(inner, depth - 1, is_wanted)
 
 
-def _files(folder: Path, depth: int) -> Iterator[Path]:
-    if folder.is_file():
-        yield folder
-        return
-    for inner in _inner(folder) if depth else ():
-        yield from _files(inner, depth - 1)
-
-
-def _inner(folder: Path) -> list[Path]:
-    try:
-        return sorted(
-            p for p in folder.iterdir() if not p.is_symlink() and not p.name.startswith('.')
-        )
-    except OSError:
-        return []
+def _is_bag_folder(path: Path) -> bool:
+    return path.is_dir() and ((path / 'metadata.yaml').exists() or any(path.glob('*.mcap')))
 
 
 def _index() -> RecordingIndex:

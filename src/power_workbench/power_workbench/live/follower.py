@@ -1,7 +1,7 @@
 """Messages of the topics, decoded in blocks, beside the estimate of a model; without ROS."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
@@ -20,6 +20,7 @@ from power_recordings.messages.samples import (
 )
 from power_recordings.reading.topic_buffers import TopicBuffer
 from wattwalk_core.arrays import Floats, Stamps
+from wattwalk_core.console import finite
 from wattwalk_core.errors import InputError
 from wattwalk_core.recent_power import RecentBudget, RecentMean, parts_of
 
@@ -85,33 +86,27 @@ class RollingPower:
         """Return the rows that were completed since the last call, None where there are none."""
         newest = int(self._stamps[-1]) if len(self._stamps) else 0
         last = self._waiting[-1][0] if self._waiting else 0
-        ends: list[int] = []
-        estimates: list[Floats] = []
-        unknown = np.full(len(self.names), np.nan)
+        found: list[tuple[int, Floats]] = []  # end of a row, and the estimate
         while self._waiting and self._waiting[0][0] <= max(newest, last - _PATIENCE):
             end, row = self._waiting.popleft()
             if end > self._end:
-                self._fill(ends, end - PERIOD)
-                estimates += [unknown] * (len(ends) - len(estimates))
-                ends.append(end)
-                estimates.append(row)
+                found += self._without_estimate(end - PERIOD)
+                found.append((end, row))
                 self._end = end
-        self._fill(ends, newest - _PATIENCE)
-        estimates += [unknown] * (len(ends) - len(estimates))
-        if not ends:
+        found += self._without_estimate(newest - _PATIENCE)
+        if not found:
             return None
-        stamps = np.array(ends, np.int64)
-        measured, estimate = self._means(stamps), np.array(estimates)
-        return PowerRows(stamps, self.names, *_with_sum(measured, estimate))
+        stamps = np.array([end for end, _ in found], np.int64)
+        estimate = np.array([row for _, row in found])
+        return PowerRows(stamps, self.names, *_with_sum(self._means(stamps), estimate))
 
-    def _fill(self, ends: list[int], until: int) -> None:
+    def _without_estimate(self, until: int) -> Iterator[tuple[int, Floats]]:
         """Rows without an estimate from the last one to a stamp."""
-        if not len(self._stamps):
-            return
-        self._end = max(self._end, int(self._stamps[0]))
-        while self._end + PERIOD <= until:
-            self._end += PERIOD
-            ends.append(self._end)
+        if len(self._stamps):
+            self._end = max(self._end, int(self._stamps[0]))
+            while self._end + PERIOD <= until:
+                self._end += PERIOD
+                yield self._end, np.full(len(self.names), np.nan)
 
     def _means(self, ends: Stamps) -> Floats:
         """Mean of the measured samples in the 20 ms before each end, [N, D]."""
@@ -166,7 +161,6 @@ class LiveFollower:
 
     def __init__(self, started: float) -> None:
         self.buffers = {topic: TopicBuffer(topic) for topic in TOPICS}
-        self.stamp = 0
         self._started = started
         self._rolling = RollingPower()
         self._drives, self._supply = RecentMean(), RecentMean()
@@ -175,7 +169,6 @@ class LiveFollower:
         self._session: LiveSession | None = None
         self._status = Status.WARMING_UP
         self._model_on_topic = ''
-        self._estimated = -np.inf
         self._rates = dict.fromkeys(TOPICS, 0.0)
         self._counted = dict.fromkeys(TOPICS, 0)
         self._counted_at = started
@@ -184,15 +177,12 @@ class LiveFollower:
         """Estimate with model `spec`, '' for `power_estimate`; `news` reports one that fails."""
         self._spec, self._fault, self._session = spec, '', None
         self._status = Status.WARMING_UP
-        self._estimated = -np.inf
-        if not spec:
-            return
         try:
-            model = load_model(spec, load_catalogue([Path(file) for file in effect_files]))
+            if spec:
+                catalogue = load_catalogue([Path(file) for file in effect_files])
+                self._session = LiveSession(load_model(spec, catalogue))
         except InputError as error:
             self._fault = str(error)
-            return
-        self._session = LiveSession(model)
 
     def report(self, figures: Mapping[str, str], now: float) -> None:
         """Take the estimator's budget on `diagnostics`, {'PART [W]': text}, at now [s]."""
@@ -203,7 +193,6 @@ class LiveFollower:
         drained = {topic: buffer.drain()[1] for topic, buffer in self.buffers.items()}
         measured, supply, states, commands, published = drained.values()
         if isinstance(measured, DriveSamples) and len(measured):
-            self.stamp = int(measured.stamp_ns[-1])
             power = np.where(measured.good, measured.power, np.nan).astype(np.float64)
             self._rolling.measured(measured.names, measured.stamp_ns, power)
             self._drives.add(measured.stamp_ns, power.sum(axis=1))
@@ -211,16 +200,16 @@ class LiveFollower:
             self._supply.add(supply.stamp_ns, supply.power)
         if self._session is not None:
             try:
-                self._estimate(measured, commands, states, now)
+                self._estimate(self._session, measured, commands, states, now)
             except InputError as error:
                 self._session, self._fault = None, str(error)
         elif not self._spec and isinstance(published, EstimateSamples):
-            self._take_published(published, now)
+            self._take_published(published)
         return {**_content(self._rolling.rows()), **self._state(now), 'budget': self._budget(now)}
 
-    def _estimate(self, supply: Any, commands: Any, states: Any, now: float) -> None:
-        session = self._session
-        assert session is not None
+    def _estimate(
+        self, session: LiveSession, supply: Any, commands: Any, states: Any, now: float
+    ) -> None:
         if isinstance(commands, JointSamples):
             for stamp, row in zip(commands.stamp_ns.tolist(), commands.position, strict=True):
                 session.command(Vector(stamp, commands.names, row[None].astype(float)), now)
@@ -233,16 +222,16 @@ class LiveFollower:
         for stamp, rows in zip(states.stamp_ns.tolist(), values.astype(float), strict=True):
             found = session.joint_state(Vector(stamp, states.names, rows), now)
             if found is not None:
-                self._status, self._estimated = found.status, now
+                self._status = found.status
                 power = found.power.astype(float)
                 self._rolling.estimated(session.drives, found.stamp, power)
 
-    def _take_published(self, published: EstimateSamples, now: float) -> None:
+    def _take_published(self, published: EstimateSamples) -> None:
         for index, stamp in enumerate(published.stamp_ns.tolist()):
             power = published.power[index].astype(float)
             self._rolling.estimated(published.names, stamp, power)
         if len(published):
-            self._model_on_topic, self._estimated = published.model[-1], now
+            self._model_on_topic = published.model[-1]
             self._status = Status(min(int(published.status[-1]), 3))
 
     def _budget(self, now: float) -> dict[str, Any]:
@@ -318,11 +307,7 @@ def _content(rows: PowerRows | None) -> Mapping[str, Any]:
         return {'names': [], 't': [], 'measured': [], 'estimate': []}
     return {
         'names': list(rows.names),
-        't': [round(stamp / 1e9, 3) for stamp in rows.stamp_ns.tolist()],
-        'measured': [_column(column) for column in rows.measured.T],
-        'estimate': [_column(column) for column in rows.estimate.T],
+        't': np.round(rows.stamp_ns / 1e9, 3).tolist(),
+        'measured': finite(np.round(rows.measured.T, 3).tolist()),
+        'estimate': finite(np.round(rows.estimate.T, 3).tolist()),
     }
-
-
-def _column(values: Any) -> list[float | None]:
-    return [round(value, 3) if np.isfinite(value) else None for value in values.tolist()]

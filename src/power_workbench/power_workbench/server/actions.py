@@ -3,18 +3,16 @@
 import datetime
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Length, Name, Printable, Quantity, parse, schema
+from wattwalk_core.schema import Name, Printable, Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_workbench.files.folders import Folders
 from power_workbench.server import answers
-from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.steps import SessionStep
 from power_workbench.views import maps
@@ -32,9 +30,6 @@ def keep_note(folder: Path, text: str, recording: str) -> None:
 _Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
 _Value = Annotated[float, Quantity(-1e12, 1e12)]
 _Text = Annotated[str, Printable(0, 4000)]
-Action = Callable[
-    [SessionManager, WorkbenchSession, Mapping[str, Any]], dict[str, Any] | bytes | None
-]
 
 
 @schema
@@ -95,7 +90,7 @@ class OneLog:
 class ShownSpans:
     """Content of `leave_out`: spans of the traces, s as they are shown."""
 
-    spans: Annotated[tuple[tuple[_Seconds, _Seconds], ...], Length(0)]
+    spans: tuple[tuple[_Seconds, _Seconds], ...]
 
 
 @schema
@@ -105,46 +100,23 @@ class LiveNote:
     text: Annotated[str, Printable(0, 500)]
 
 
-def take(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Take a step, content being a `SessionStep`; InputError for files in folders not named."""
-    step = parse(SessionStep, content, 'step')
+def take(folders: Folders, session: WorkbenchSession, step: SessionStep) -> None:
+    """Take a step; InputError for files in folders that were not named."""
     if step.model or step.rmse_w or step.sha256:
         raise InputError('step: model, rmse_w and sha256 are found by the session itself')
-    folders = _folders(manager, session)
     for path in step.recordings:
         folders.within(path)
     if step.kind == 'effects':
         folders.within(step.file)
     elif step.kind == 'load':
-        check_spec(manager, session, step.file)
-    if step.base:
-        check_spec(manager, session, step.base)
+        folders.check_model(step.file)
+    folders.check_model(step.base)
     session.take(step)
 
 
-def _folders(manager: SessionManager, session: WorkbenchSession) -> Folders:
-    """The folders that were named, and that of the session."""
-    return Folders.of([*manager.folders.roots, session.folder])
-
-
-def check_spec(manager: SessionManager, session: WorkbenchSession, spec: str) -> None:
-    """Raise InputError for a model whose file is not in a folder that was named."""
-    if spec.endswith(('.yaml', '.yml')):
-        _folders(manager, session).within(spec)
-    elif spec.startswith('ppn:'):
-        _folders(manager, session).within(spec.removeprefix('ppn:'))
-
-
-def go(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Go to a place in the history, content being {at: number of steps in force}."""
-    session.go(parse(HistoryPlace, content, 'place').at)
-
-
-def leave_out(
-    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
-) -> None:
-    """Leave `spans`, s as they are shown, out of all judgement; with none, take all in again."""
-    given, view = parse(ShownSpans, content, 'seconds'), answers.view_of(session)
+def leave_out(_: Folders, session: WorkbenchSession, given: ShownSpans) -> None:
+    """Leave spans, s as they are shown, out of all judgement; with none, take all in again."""
+    view = answers.view_of(session)
     spans = [str(own) for one in given.spans for own in view.spans(*one)]
     opened = session.record.opened
     if opened is None or bool(spans) != bool(given.spans):
@@ -153,52 +125,27 @@ def leave_out(
     session.take(replace(opened, without=without, rmse_w={}))
 
 
-def _begin(request: str, _: SessionManager, session: WorkbenchSession, __: object) -> None:
-    """Begin work on the present model."""
-    session.begin(request)
+def line(folders: Folders, session: WorkbenchSession, given: OneModel) -> None:
+    """Begin to judge another model beside the present one."""
+    folders.check_model(given.model)
+    session.line(given.model)
 
 
-def record(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to record the proposed motion on the simulated bench, content being a `BenchDrive`."""
-    given = parse(BenchDrive, content, 'bench')
-    session.begin('bench', drive=given.drive, seconds=given.seconds)
-
-
-def line(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to judge another model, {model: file or ppn:RUN}, beside the present one."""
-    spec = parse(OneModel, content, 'line').model
-    check_spec(manager, session, spec)
-    session.line(spec)
-
-
-def cancel(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Cancel the work that runs."""
-    session.cancel()
-
-
-def allow(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Let the file of effects {file: path} of the session be run."""
-    session.approve(parse(Allowed, content, 'file').file)
-
-
-def log(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to list a log's columns or, with a map, to import or preview it (`OneLog`)."""
-    given = parse(OneLog, content, 'log')
-    _folders(manager, session).within(given.file)
+def log(folders: Folders, session: WorkbenchSession, given: OneLog) -> None:
+    """Begin to list a log's columns or, with a map, to import or preview it."""
+    folders.within(given.file)
     if given.map is None:
         session.look_at_log(given.file)
     else:
         session.import_log(given.file, given.map, only_look=given.preview)
 
 
-def note(
-    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Keep a note {text} with its time, in the card of what is being recorded and in the session.
+def note(_: Folders, session: WorkbenchSession, given: LiveNote) -> dict[str, Any]:
+    """Keep a note with its time, in the card of what is being recorded and in the session.
 
     Returns {recording: its folder, '' for none}. InputError for an empty text.
     """
-    text = parse(LiveNote, content, 'note').text.strip()
+    text = given.text.strip()
     if not text:
         raise InputError('the note is empty; say what happened')
     recording = session.live.recorder
@@ -207,16 +154,13 @@ def note(
     return {'recording': recording}
 
 
-def select(
-    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
-) -> bytes:
+def select(_: Folders, session: WorkbenchSession, chosen: Selection) -> bytes:
     """Answer a selection with the states of the map and the parts of the traces to light up.
 
-    content: a `Selection`, which has a box of the map, a span of the traces (s) or a regime.
     Returns bytes of `answers.packed`: errors in words, points of the map, parts of the traces.
-    InputError for none of the three, or a regime that is not there.
+    InputError for neither box, span nor regime, or a regime that is not there.
     """
-    chosen, view = parse(Selection, content, 'selection'), answers.view_of(session)
+    view = answers.view_of(session)
     if chosen.box is not None:
         found = maps.in_box(view, chosen.drive, chosen.box)
     elif chosen.span is not None:
@@ -234,16 +178,28 @@ def select(
     return answers.packed({**points, **answers.lit(view, found.rows, *place)}, found.content)
 
 
-ACTIONS: Mapping[str, Action] = {
-    'step': take,
-    'go': go,
-    'leave_out': leave_out,
-    **{name: partial(_begin, name) for name in ('diagnose', 'discover', 'report')},
-    'bench': record,
-    'line': line,
-    'cancel': cancel,
-    'allow': allow,
-    'log': log,
-    'note': note,
-    'select': select,
+Action = Callable[[Folders, WorkbenchSession, Any], dict[str, Any] | bytes | None]
+ACTIONS: Mapping[str, tuple[Any, Action]] = {
+    'step': (SessionStep, take),
+    'go': (HistoryPlace, lambda _, session, given: session.go(given.at)),
+    'leave_out': (ShownSpans, leave_out),
+    'diagnose': (dict, lambda _, session, __: session.begin('diagnose')),
+    'discover': (dict, lambda _, session, __: session.begin('discover')),
+    'report': (dict, lambda _, session, __: session.begin('report')),
+    'bench': (BenchDrive, lambda _, session, given: session.begin('bench', **vars(given))),
+    'line': (OneModel, line),
+    'cancel': (dict, lambda _, session, __: session.cancel()),
+    'allow': (Allowed, lambda _, session, given: session.approve(given.file)),
+    'log': (OneLog, log),
+    'note': (LiveNote, note),
+    'select': (Selection, select),
 }
+"""Of each action the type of its content, and what it does in the folders that may be read."""
+
+
+def act(
+    name: str, folders: Folders, session: WorkbenchSession, content: Mapping[str, Any]
+) -> dict[str, Any] | bytes | None:
+    """Do an action, and return its answer, if it has one; InputError for a wrong content."""
+    kind, action = ACTIONS[name]
+    return action(folders, session, parse(kind, content, name))

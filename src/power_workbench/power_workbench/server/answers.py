@@ -17,9 +17,9 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import read_yaml
 
 from power_workbench.sessions.session import WorkbenchSession
-from power_workbench.sessions.steps import SessionRecord, SessionStep
+from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
 from power_workbench.views import maps
-from power_workbench.views.pyramid import Span, masked
+from power_workbench.views.pyramid import Span, extremes
 from power_workbench.views.view import PowerView, Singles
 
 KEPT = re.compile(
@@ -114,17 +114,17 @@ def coefficients_before(session: WorkbenchSession) -> dict[str, Any]:
 def _commands(session: WorkbenchSession, record: SessionRecord) -> dict[str, str]:
     if record.opened is None:
         return {}
-    commands = session.commands
-    budget = {'budget': commands.budget(record)}
+    commands = Commands(session.folder, record)
+    budget = {'budget': commands.budget()}
     if not session.spec:
         return budget
     return {
         **budget,
-        'compare': commands.compare(record),
-        'diagnose': commands.on_model(record, 'diagnose'),
-        'report': commands.on_model(record, 'diagnose', '--report', 'why.html'),
-        'motion': commands.on_model(record, 'diagnose', '--motion', 'next.yaml', '--limits'),
-        'discover': commands.on_model(record, 'discover', '-o', 'effect.py'),
+        'compare': commands.compare(),
+        'diagnose': commands.on_model('diagnose'),
+        'report': commands.on_model('diagnose', '--report', 'why.html'),
+        'motion': commands.on_model('diagnose', '--motion', 'next.yaml', '--limits'),
+        'discover': commands.on_model('discover', '-o', 'effect.py'),
     }
 
 
@@ -133,7 +133,7 @@ def _step(session: WorkbenchSession, record: SessionRecord, index: int) -> dict[
     return {
         'kind': step.kind,
         'label': label(step),
-        'command': session.commands.of(record, index),
+        'command': Commands(session.folder, record).of(index),
         'rmse_w': mean_of(step.rmse_w),
         'model': step.model,
     }
@@ -181,7 +181,7 @@ def _view(view: PowerView) -> dict[str, Any]:
         'stride': _stride(view),
         'phases': sorted(view.words),
         'noise': maps.rounded(view.noise),
-        'noise_w': _rms(view.noise),
+        'noise_w': maps.short_one(maps.rms(view.noise)),
         'share': maps.short_one(view.share),
         'scores': view.content or None,
         'by_recording': _by_recording(view),
@@ -196,14 +196,10 @@ def _by_recording(view: PowerView) -> list[dict[str, Any]]:
     for number, name in enumerate(view.recordings):
         rows = (view.recording == number) & np.isfinite(view.residual).all(axis=1)
         if rows.any():
-            mean = maps.short_one(float(view.measured[rows].mean()))
-            found.append({'name': name, 'rmse_w': _rms(view.residual[rows]), 'mean_w': mean})
+            error, mean = maps.rms(view.residual[rows]), float(view.measured[rows].mean())
+            shown = {'rmse_w': maps.short_one(error), 'mean_w': maps.short_one(mean)}
+            found.append({'name': name, **shown})
     return found
-
-
-def _rms(values: Singles) -> float | None:
-    known = values[np.isfinite(values)]
-    return maps.short_one(float(np.sqrt(np.mean(np.square(known))))) if known.size else None
 
 
 def _stride(view: PowerView) -> str:
@@ -241,8 +237,8 @@ def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -
 
     width: pixels, of which each block has two. A header in JSON precedes the float32 arrays.
     """
-    own, window = column(view, meter), (*_window(view, start, stop), _most(width))
-    return _packed({name: p.span(*window) for name, p in view.traces.items()}, own)
+    own, window = column(view, meter), _window(view, start, stop, width)
+    return packed(_drawn({name: p.span(*window) for name, p in view.traces.items()}, own), {})
 
 
 def lit(
@@ -252,18 +248,15 @@ def lit(
 
     start, stop: s as they are shown; width: pixels. Keys are lit_t (s), lit_measured, lit_error.
     """
-    own, window, most = column(view, meter), _window(view, start, stop), _most(width)
-    chosen = np.zeros(view.length, bool)
-    chosen[view.slots[rows]] = True
+    own, window = column(view, meter), _window(view, start, stop, width)
     values = {'measured': view.measured}
     if view.residual is not None:
         values['error'] = -view.residual
-    out: dict[str, Singles] = {}
+    spans = {}
     for name, given in values.items():
-        span = masked(view.spread(_column(given, own)), chosen, *window, most)
-        out[f'lit_{name}'] = _woven(span, 0)
-        out['lit_t'] = _times(span)
-    return out
+        lit = np.where(rows[:, None], _column(given, own), np.float32(np.nan))
+        spans[name] = extremes(view.spread(lit), *window)
+    return {f'lit_{name}': one for name, one in _drawn(spans, 0).items()}
 
 
 def preview(
@@ -275,13 +268,12 @@ def preview(
     """
     if view.residual is None or explained.shape != view.residual.shape:
         raise InputError('there is no preview of this candidate')
-    own, window = column(view, meter), _window(view, start, stop)
+    own = column(view, meter)
     left = _column(explained, own) - _column(view.residual, own)
-    everywhere = np.ones(view.length, bool)
-    span = masked(view.spread(left), everywhere, *window, _most(width))
+    span = extremes(view.spread(left), *_window(view, start, stop, width))
     known = np.isfinite(left) & np.isfinite(view.residual.sum(axis=1, keepdims=True))
-    rms = float(np.sqrt(np.mean(np.square(left[known], dtype=np.float64)))) if known.any() else 0.0
-    return _packed({'preview': span}, 0, {'rmse_w': maps.short_one(rms)})
+    rms = maps.rms(left[known]) if known.any() else 0.0
+    return packed(_drawn({'preview': span}, 0), {'rmse_w': maps.short_one(rms)})
 
 
 def strip(view: PowerView, width: int) -> dict[str, Any]:
@@ -305,17 +297,14 @@ def strip(view: PowerView, width: int) -> dict[str, Any]:
     return {'t': maps.rounded(middles), 'meters': list(view.meters), 'z': rows}
 
 
-def _window(view: PowerView, start: float, stop: float) -> tuple[int, int]:
+def _window(view: PowerView, start: float, stop: float, width: int) -> tuple[int, int, int]:
+    """First slot, the one after the last, and number of blocks for `width` pixels."""
     if not (np.isfinite(start) and np.isfinite(stop)):
         raise InputError('give the span in seconds')
     low, high = sorted((start, stop))
     first = int(np.clip(np.floor(low * REDUCED_RATE), 0, max(view.length - 2, 0)))
     last = int(np.clip(np.ceil(high * REDUCED_RATE) + 1, first + 2, view.length))
-    return first, last
-
-
-def _most(width: int) -> int:
-    return int(np.clip(width // 2, 20, _MOST_WIDE))
+    return first, last, int(np.clip(width // 2, 20, _MOST_WIDE))
 
 
 def _times(span: Span) -> Singles:
@@ -341,10 +330,10 @@ def _column(values: Singles, own: int) -> Singles:
     return values.sum(axis=1, keepdims=True, dtype=np.float32)
 
 
-def _packed(spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None) -> bytes:
-    arrays = {'t': _times(next(iter(spans.values())))}
-    arrays |= {name: _woven(span, own) for name, span in spans.items()}
-    return packed(arrays, more or {})
+def _drawn(spans: Mapping[str, Span], own: int) -> dict[str, Singles]:
+    """Times `t` of spans of the same blocks, and the values of one column of each."""
+    times = _times(next(iter(spans.values())))
+    return {'t': times, **{name: _woven(span, own) for name, span in spans.items()}}
 
 
 def packed(arrays: Mapping[str, Singles], more: Mapping[str, Any]) -> bytes:

@@ -23,6 +23,7 @@ from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.views import maps
 from power_workbench.views.moments import moments
+from power_workbench.views.view import PowerView
 
 _PAGE = Path(__file__).parent / 'page'
 _KINDS = {'.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css'}
@@ -44,14 +45,13 @@ def application(manager: SessionManager) -> Starlette:
 
     def of_session(route: Callable[[WorkbenchSession, Request], Any]) -> Callable[..., Response]:
         """A route of one session; Starlette runs it beside the event loop."""
+        return lambda request: _response(route(session_of(request), request))
 
-        def answer(request: Request) -> Response:
-            found = route(session_of(request), request)
-            return found if isinstance(found, Response) else _json(found)
+    def of_view(route: Callable[[PowerView, Request], Any]) -> Callable[..., Response]:
+        """A route of what a session shows."""
+        return of_session(lambda session, request: route(answers.view_of(session), request))
 
-        return answer
-
-    def action(route: actions.Action) -> Callable[..., Any]:
+    def action(name: str) -> Callable[..., Any]:
         """A route that changes a session; its body is an object."""
 
         async def answer(request: Request) -> Response:
@@ -64,8 +64,8 @@ def application(manager: SessionManager) -> Starlette:
 
             def work() -> Response:
                 session = session_of(request)
-                found = route(manager, session, content) or {'revision': session.revision}
-                return _binary(found) if isinstance(found, bytes) else _json(found)
+                found = actions.act(name, manager.readable(session), session, content)
+                return _response(found or {'revision': session.revision})
 
             return await run_in_threadpool(work)
 
@@ -83,7 +83,7 @@ def application(manager: SessionManager) -> Starlette:
 
     async def live(request: Request) -> Response:
         """Return the news of running nodes as events, for as long as the page listens."""
-        given = request.query_params.get('model', '')
+        given = _text(request, 'model')
 
         def more(seen: int) -> bool:
             return manager.ending or session.live.has_more(seen)
@@ -91,7 +91,7 @@ def application(manager: SessionManager) -> Starlette:
         def begin() -> WorkbenchSession:
             session = session_of(request)
             if given not in ('', TOPIC):
-                actions.check_spec(manager, session, given)
+                manager.readable(session).check_model(given)
             session.live.join()
             return session
 
@@ -146,18 +146,15 @@ def application(manager: SessionManager) -> Starlette:
             Route(f'{here}/state', state),
             Route(f'{here}/live', live),
             Route(f'{here}{UPLOAD}', upload, methods=['POST']),
-            Route(f'{here}/traces', of_session(_traces)),
+            Route(f'{here}/traces', of_view(lambda view, r: answers.traces(view, *_place(r)))),
             Route(f'{here}/log', of_session(lambda session, _: dict(session.log))),
             Route(f'{here}/budget', of_session(lambda session, _: dict(session.budget or {}))),
-            Route(f'{here}/strip', of_session(_strip)),
-            Route(f'{here}/map', of_session(_map)),
-            Route(f'{here}/moments', of_session(_moments)),
+            Route(f'{here}/strip', of_view(lambda view, r: answers.strip(view, _width(r, 200)))),
+            Route(f'{here}/map', of_view(lambda view, r: maps.error_map(view, *_axes(r)))),
+            Route(f'{here}/moments', of_view(lambda view, r: moments(view, _text(r, 'drive')))),
             Route(f'{here}/preview', of_session(_preview)),
             Route(f'{here}/files/{{name}}', of_session(_file)),
-            *(
-                Route(f'{here}/{name}', action(route), methods=['POST'])
-                for name, route in actions.ACTIONS.items()
-            ),
+            *(Route(f'{here}/{name}', action(name), methods=['POST']) for name in actions.ACTIONS),
         ],
     )
 
@@ -203,30 +200,19 @@ def _json(content: Any, status: int = 200) -> Response:
     return JSONResponse(content, status, headers=_FRESH)
 
 
-def _traces(session: WorkbenchSession, request: Request) -> Response:
-    view = answers.view_of(session)
-    return _binary(answers.traces(view, *_place(request)))
+def _response(found: Any) -> Response:
+    """Bytes as they are, all but responses as JSON."""
+    if isinstance(found, bytes):
+        return Response(found, media_type='application/octet-stream', headers=_FRESH)
+    return found if isinstance(found, Response) else _json(found)
 
 
-def _strip(session: WorkbenchSession, request: Request) -> Any:
-    return answers.strip(answers.view_of(session), int(_number(request, 'width', 200)))
-
-
-def _map(session: WorkbenchSession, request: Request) -> Any:
-    names = (request.query_params.get(key, '') for key in ('drive', 'x', 'y'))
-    return maps.error_map(answers.view_of(session), *names)
-
-
-def _moments(session: WorkbenchSession, request: Request) -> Any:
-    return moments(answers.view_of(session), request.query_params.get('drive', ''))
-
-
-def _preview(session: WorkbenchSession, request: Request) -> Response:
-    found, name = session.findings, request.query_params.get('candidate', '')
+def _preview(session: WorkbenchSession, request: Request) -> bytes:
+    found, name = session.findings, _text(request, 'candidate')
     if found is None or name not in found.explained:
         raise InputError(f'there is no preview of {name!r}')
     view = answers.view_of(session)
-    return _binary(answers.preview(view, found.explained[name], *_place(request)))
+    return answers.preview(view, found.explained[name], *_place(request))
 
 
 def _file(session: WorkbenchSession, request: Request) -> Response:
@@ -238,9 +224,20 @@ def _file(session: WorkbenchSession, request: Request) -> Response:
 
 
 def _place(request: Request) -> tuple[str, float, float, int]:
-    drive = request.query_params.get('drive', '')
     start, stop = _number(request, 'from', 0.0), _number(request, 'to', 1e9)
-    return drive, start, stop, int(_number(request, 'width', 800))
+    return _text(request, 'drive'), start, stop, _width(request, 800)
+
+
+def _axes(request: Request) -> tuple[str, str, str]:
+    return _text(request, 'drive'), _text(request, 'x'), _text(request, 'y')
+
+
+def _text(request: Request, name: str) -> str:
+    return request.query_params.get(name, '')
+
+
+def _width(request: Request, default: int) -> int:
+    return int(_number(request, 'width', default))
 
 
 def _number(request: Request, name: str, default: float) -> float:
@@ -249,10 +246,6 @@ def _number(request: Request, name: str, default: float) -> float:
     except ValueError:
         raise InputError(f'{name}: not a number') from None
     return value if -1e12 < value < 1e12 else default
-
-
-def _binary(content: bytes) -> Response:
-    return Response(content, media_type='application/octet-stream', headers=_FRESH)
 
 
 async def _page(request: Request) -> Response:

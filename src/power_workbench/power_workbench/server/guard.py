@@ -12,7 +12,7 @@ from power_workbench.files.logs import LARGEST_LOG
 LONGEST_BODY = 256 * 1024
 """Bytes."""
 UPLOAD = '/upload'
-"""End of the paths whose body is a file; it is passed on as it comes."""
+"""End of the paths whose body is a file."""
 _HEADERS = {
     'Content-Security-Policy': (
         "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -44,6 +44,13 @@ class PageGuard:
         """Answer a request, or refuse it."""
         if scope['type'] != 'http':
             return
+
+        async def dressed(message: Message) -> None:
+            if message['type'] == 'http.response.start':
+                own = ((name.lower().encode(), text.encode()) for name, text in _HEADERS.items())
+                message['headers'] = [*message['headers'], *own]
+            await send(message)
+
         request = Request(scope)
         refused = self._refusal(request)
         if refused is not None:
@@ -53,7 +60,7 @@ class PageGuard:
             welcome = _answer(303, '', {'location': '/', 'set-cookie': cookie})
             await welcome(scope, receive, send)
         else:
-            await self._pass(scope, receive, send)
+            await self._app(scope, receive, dressed)
 
     def _refusal(self, request: Request) -> tuple[int, str] | None:
         headers, method = request.headers, request.method
@@ -76,10 +83,12 @@ class PageGuard:
             kind = 'application/octet-stream' if upload else 'application/json'
             if headers.get('content-type', '').partition(';')[0].strip() != kind:
                 return 415, f'A body must be {kind}.'
+            # The server ends a body at its length, but would take any number of chunks.
             length = headers.get('content-length', '' if upload else '0')
             most = LARGEST_LOG if upload else LONGEST_BODY
-            if not length.isdecimal() or len(length) > 18 or int(length) > most:
-                return 413, _too_long(most)
+            is_known = 'transfer-encoding' not in headers and length.isdecimal()
+            if not is_known or len(length) > 18 or int(length) > most:
+                return 413, f'A body may have {most} bytes.'
         return None
 
     def _in_address(self, request: Request) -> bool:
@@ -88,41 +97,6 @@ class PageGuard:
 
     def _is_token(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self._token.encode())
-
-    async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Read a body within its limit, then let the application answer.
-
-        A file is not read here: the server ends it at the length that was checked.
-        """
-        body = b''
-        upload = scope['path'].endswith(UPLOAD)
-        if scope['method'] == 'POST' and not upload:
-            more = True
-            while more:
-                message = await receive()
-                if message['type'] == 'http.disconnect':
-                    return
-                body += message.get('body', b'')
-                more = message.get('more_body', False)
-                if len(body) > LONGEST_BODY:
-                    await _answer(413, _too_long(LONGEST_BODY))(scope, receive, send)
-                    return
-        whole: list[Message] = [{'type': 'http.request', 'body': body, 'more_body': False}]
-
-        async def read() -> Message:
-            return whole.pop() if whole else await receive()
-
-        async def dressed(message: Message) -> None:
-            if message['type'] == 'http.response.start':
-                own = ((name.lower().encode(), text.encode()) for name, text in _HEADERS.items())
-                message['headers'] = [*message['headers'], *own]
-            await send(message)
-
-        await self._app(scope, receive if upload else read, dressed)
-
-
-def _too_long(most: int) -> str:
-    return f'A body may have {most} bytes.'
 
 
 def _answer(status: int, text: str, more: dict[str, str] | None = None) -> PlainTextResponse:

@@ -3,8 +3,7 @@
 import secrets
 import socket
 import webbrowser
-from collections.abc import Sequence
-from dataclasses import dataclass
+from argparse import Namespace
 from pathlib import Path
 from types import FrameType
 
@@ -22,47 +21,25 @@ _LOOPBACK = '127.0.0.1'
 _FOLDERS = (Path('bags'),)
 
 
-@dataclass(frozen=True)
-class Opening:
-    """Options with which the workbench is opened, as its command takes them."""
-
-    bags: Sequence[Path] = ()
-    model: str | None = None
-    drives: Sequence[str] = ()
-    slow: bool = False
-    anyway: bool = False
-    effects_path: Sequence[Path] = ()
-    folder: Path = Path('workbench')
-    host: str | None = None
-    port: int = 0
-    token: str | None = None
-    browser: bool = False
-
-    def manager(self) -> SessionManager:
-        """Return a manager of sessions, with the steps that a new session begins with."""
-        spec = self.model or ''
-        is_file = spec.endswith(('.yaml', '.yml'))
-        files = [Path(spec.removeprefix('ppn:'))] if is_file or spec.startswith('ppn:') else []
-        named = [*self.bags, *files, *self.effects_path, *_FOLDERS]
-        effects = [str(file.resolve()) for file in self.effects_path]
-        steps = [SessionStep('effects', file=file) for file in effects]
-        bags = tuple(str(path.resolve()) for path in self.bags if _is_recording(path))
-        if bags:
-            steps.append(
-                SessionStep(
-                    'open',
-                    recordings=bags,
-                    drives=tuple(self.drives),
-                    slow=self.slow,
-                    anyway=self.anyway,
-                )
-            )
-            if spec:
-                file = str(Path(spec).resolve()) if is_file else spec
-                steps.append(SessionStep('load', file=file))
-        return SessionManager(
-            self.folder.resolve(), Folders.of(named), tuple(steps), approved=tuple(effects)
-        )
+def _manager(options: Namespace) -> SessionManager:
+    """Return a manager of sessions, with the steps that a new session begins with."""
+    spec = options.model or ''
+    is_file = spec.endswith(('.yaml', '.yml'))
+    files = [Path(spec.removeprefix('ppn:'))] if is_file or spec.startswith('ppn:') else []
+    named = [*options.bags, *files, *options.effects_path, *_FOLDERS]
+    effects = [str(file.resolve()) for file in options.effects_path]
+    steps = [SessionStep('effects', file=file) for file in effects]
+    bags = tuple(str(path.resolve()) for path in options.bags if _is_recording(path))
+    if bags:
+        doubts = {'slow': options.slow, 'anyway': options.anyway}
+        drives = tuple(options.drives)
+        steps.append(SessionStep('open', recordings=bags, drives=drives, **doubts))
+        if spec:
+            file = str(Path(spec).resolve()) if is_file else spec
+            steps.append(SessionStep('load', file=file))
+    return SessionManager(
+        options.folder.resolve(), Folders.of(named), tuple(steps), approved=tuple(effects)
+    )
 
 
 def _is_recording(path: Path) -> bool:
@@ -73,13 +50,16 @@ def _is_recording(path: Path) -> bool:
     return True
 
 
-def serve(opening: Opening) -> int:
-    """Serve until Ctrl-C and return the exit code; InputError where the port is taken."""
-    token = opening.token or secrets.token_urlsafe(24)
-    manager = opening.manager()
-    with _listening(opening.host or _LOOPBACK, opening.port) as listener:
+def serve(options: Namespace) -> int:
+    """Serve until Ctrl-C and return the exit code; InputError where the port is taken.
+
+    options: of the command `open`.
+    """
+    token = options.token or secrets.token_urlsafe(24)
+    manager = _manager(options)
+    with _listening(options.host or _LOOPBACK, options.port) as listener:
         port = listener.getsockname()[1]
-        names = {_LOOPBACK, 'localhost'} | ({opening.host} if opening.host else set())
+        names = {_LOOPBACK, 'localhost'} | ({options.host} if options.host else set())
         guard = PageGuard(
             application(manager), token, {f'{name}:{port}' for name in names}, f'workbench_{port}'
         )
@@ -93,10 +73,10 @@ def serve(opening: Opening) -> int:
             timeout_graceful_shutdown=1,
             h11_max_incomplete_event_size=32 * 1024,
         )
-        address = f'http://{opening.host or _LOOPBACK}:{port}/?token={token}'
+        address = f'http://{options.host or _LOOPBACK}:{port}/?token={token}'
         print(f'the workbench: {address}', flush=True)
         print('sessions are kept in', manager.folder, '(end with Ctrl-C)', flush=True)
-        if opening.browser:
+        if options.browser:
             webbrowser.open(address)
         try:
             _EndingServer(config, manager).run(sockets=[listener])

@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
@@ -10,6 +9,7 @@ from power_estimator.loader import load_model
 from power_lab.structure.words import coefficient_in_words, in_words
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
+from wattwalk_core.console import finite
 
 from power_workbench.views import maps
 
@@ -109,7 +109,7 @@ def described_recording(recording: Recording) -> dict[str, Any]:
         'rates': {name: round(float(t.rate), 2) for name, t in quality.topics.items()},
         'torque': dict(quality.torque_at),
         'drives': [
-            {'name': name, 'updates_hz': _finite(one.updates_hz)}
+            {'name': name, 'updates_hz': finite(round(float(one.updates_hz), 2))}
             for name, one in quality.drives.items()
         ],
         'findings': [
@@ -118,7 +118,3 @@ def described_recording(recording: Recording) -> dict[str, Any]:
         ],
         'problems': list(recording.problems),
     }
-
-
-def _finite(value: float) -> float | None:
-    return round(float(value), 2) if np.isfinite(value) else None

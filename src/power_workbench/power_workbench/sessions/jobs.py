@@ -14,29 +14,22 @@ _LOST = 'the worker ended unexpectedly (out of memory?); the steps so far are ke
 
 @dataclass
 class SessionJob:
-    """One piece of work: its name, its stage in words, and how it ended."""
+    """One piece of work: its name, its stage in words, and whether it ended well."""
 
     name: str
     stage: str = 'starting'
     state: State = 'running'
     error: str = ''
-    result: Any = None
     started: float = field(default_factory=time.monotonic)
-    ended: float | None = None
-
-    @property
-    def seconds(self) -> float:
-        """Time in s that it has taken, so far or until its end."""
-        return (time.monotonic() if self.ended is None else self.ended) - self.started
 
     def content(self) -> dict[str, Any]:
-        """Return the job as content of JSON for the page."""
+        """Return the job, which runs, as content of JSON for the page."""
         return {
             'name': self.name,
             'stage': self.stage,
             'state': self.state,
             'error': self.error,
-            'seconds': round(self.seconds, 1),
+            'seconds': round(time.monotonic() - self.started, 1),
         }
 
 
@@ -99,7 +92,7 @@ class JobRunner(PipedProcess):
 
     def _end(self) -> None:
         if self.job is not None and self.busy:
-            self.job.state, self.job.ended = 'cancelled', time.monotonic()
+            self.job.state = 'cancelled'
         self._stop()
 
     def _heard(self, pipe: Connection, message: tuple[str, Any] | None) -> None:
@@ -113,9 +106,7 @@ class JobRunner(PipedProcess):
             elif kind == 'progress':
                 job.stage = str(content)
             elif kind == 'done':
-                job.state, job.result = 'done', content
+                job.state = 'done'
             elif kind in ('error', 'failed'):
                 job.state, job.error = 'error', str(content)
-            if job is not None and job.state != 'running':
-                job.ended = time.monotonic()
         self._listener(job, kind, content)

@@ -79,22 +79,21 @@ class SessionManager:
             except InputError:
                 continue
             if record.steps:
-                opened = record.opened
+                paths = record.opened.recordings if record.opened else ()
+                added = [name for s in record.done if s.kind == 'add' for name in s.effects]
                 found.append(
                     {
                         'name': file.parent.name,
                         'steps': len(record.steps),
-                        'recordings': [
-                            Path(path).name for path in (opened.recordings if opened else ())
-                        ],
-                        'effects': list(
-                            dict.fromkeys(
-                                e for s in record.done if s.kind == 'add' for e in s.effects
-                            )
-                        ),
+                        'recordings': [Path(path).name for path in paths],
+                        'effects': [*dict.fromkeys(added)],
                     }
                 )
         return found
+
+    def readable(self, session: WorkbenchSession) -> Folders:
+        """Return the folders that were named, and that of the session."""
+        return Folders.of([*self.folders.roots, session.folder])
 
     def end(self) -> None:
         """Wake all who wait for news, as the server ends."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,11 +118,7 @@ class KeptOpening:
     @property
     def result(self) -> dict[str, Any]:
         """Result of the worker's request `open`: view, recordings and sha256."""
-        return {
-            'view': self.view,
-            'recordings': list(self.recordings),
-            'sha256': list(self.sha256),
-        }
+        return dict(vars(self))
 
 
 class OpenedCache:
@@ -157,20 +153,72 @@ class OpenedCache:
     def opening(self, key: str) -> KeptOpening | None:
         """Return recordings without a model, None where they are not kept."""
         found = self._read(key, 'view')
-        return None if found is None else _opening(found)
+        if found is None:
+            return None
+        arrays, about = found.arrays, found.about
+        own: dict[str, Any] = {name: tuple(about[name]) for name in _TEXTS}
+        own |= {name: arrays[name] for name in _ARRAYS}
+        view = PowerView(
+            **own,
+            state=_named(arrays, 'state '),
+            words={
+                name: StateWords(tuple(texts), arrays[f'words {name}'])
+                for name, texts in about['words'].items()
+            },
+            left_out=spans_of(about['left_out']),
+        )
+        return KeptOpening(view, tuple(about['described']), tuple(about['sha256']))
 
     def keep_opening(self, key: str, opening: KeptOpening) -> None:
         """Keep recordings without a model, unless the disk has no room."""
-        self._write(key, 'view', _of_opening(opening))
+        view = opening.view
+        arrays: dict[str, NDArray[Any]] = {name: getattr(view, name) for name in _ARRAYS}
+        arrays |= {f'state {name}': values for name, values in view.state.items()}
+        arrays |= {f'words {name}': words.places for name, words in view.words.items()}
+        about = {
+            **{name: getattr(view, name) for name in _TEXTS},
+            'words': {name: words.texts for name, words in view.words.items()},
+            'left_out': [str(span) for span in view.left_out],
+            'described': opening.recordings,
+            'sha256': opening.sha256,
+        }
+        self._write(key, 'view', ArrayFile(arrays, about))
 
     def loaded(self, key: str) -> Loaded | None:
         """Return aligned signals, mapped from a file, None where they are not kept."""
         found = self._read(key, 'signals')
-        return None if found is None else _loaded(found)
+        if found is None:
+            return None
+        about = found.about
+        own: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in about['data'].items()
+        }
+        own |= {name: frozenset(own[name]) for name in _SETS}
+        own |= {name: v for name, v in found.arrays.items() if not name.startswith('extra ')}
+        return Loaded(
+            AlignedDataset(**own, extras=_named(found.arrays, 'extra ')),
+            ReadAgain([Path(path) for path in about['paths']]),
+            tuple(about['identities']),
+            tuple(about['controllers']),
+            about['window'],
+        )
 
     def keep_loaded(self, key: str, loaded: Loaded, paths: Sequence[Path]) -> None:
         """Keep aligned signals of recordings at paths, unless the disk has no room."""
-        self._write(key, 'signals', _of_loaded(loaded, paths))
+        own = {one.name: getattr(loaded.data, one.name) for one in fields(loaded.data)}
+        extras = own.pop('extras')
+        arrays = {name: value for name, value in own.items() if isinstance(value, np.ndarray)}
+        rest = {name: value for name, value in own.items() if name not in arrays}
+        about = {
+            'data': rest | {name: sorted(own[name]) for name in _SETS},
+            'paths': [str(path) for path in paths],
+            'identities': [dict(one) for one in loaded.identities],
+            'controllers': loaded.controllers,
+            'window': loaded.window,
+        }
+        arrays |= {f'extra {name}': values for name, values in extras.items()}
+        self._write(key, 'signals', ArrayFile(arrays, about))
 
     def _path(self, key: str, kind: str) -> Path | None:
         return None if self._folder is None or not key else self._folder / f'{key}.{kind}'
@@ -222,61 +270,6 @@ def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
                 yield path, path.stat()
 
 
-def _of_opening(opening: KeptOpening) -> ArrayFile:
-    view = opening.view
-    arrays: dict[str, NDArray[Any]] = {name: getattr(view, name) for name in _ARRAYS}
-    arrays |= {f'state {name}': values for name, values in view.state.items()}
-    arrays |= {f'words {name}': words.places for name, words in view.words.items()}
-    known = {name: words.texts for name, words in view.words.items()}
-    about = {name: getattr(view, name) for name in _TEXTS}
-    described: dict[str, Any] = {'described': opening.recordings, 'sha256': opening.sha256}
-    described['left_out'] = [str(span) for span in view.left_out]
-    return ArrayFile(arrays, {**about, **described, 'words': known})
-
-
-def _opening(found: ArrayFile) -> KeptOpening:
-    arrays, about = found.arrays, found.about
-    own: dict[str, Any] = {
-        **{name: tuple(about[name]) for name in _TEXTS},
-        **{name: arrays[name] for name in _ARRAYS},
-    }
-    view = PowerView(
-        **own,
-        residual=None,
-        state=_named(arrays, 'state '),
-        words={
-            name: StateWords(tuple(texts), arrays[f'words {name}'])
-            for name, texts in about['words'].items()
-        },
-        content={},
-        model=None,
-        left_out=spans_of(about['left_out']),
-    )
-    return KeptOpening(view, tuple(about['described']), tuple(about['sha256']))
-
-
-def _of_loaded(loaded: Loaded, paths: Sequence[Path]) -> ArrayFile:
-    data = loaded.data
-    arrays = {
-        own.name: values
-        for own in fields(data)
-        if isinstance(values := getattr(data, own.name), np.ndarray)
-    }
-    arrays |= {f'extra {name}': values for name, values in data.extras.items()}
-    about: dict[str, Any] = {
-        **{
-            name: getattr(data, name)
-            for name in ('rate', 'names', 'recordings', 'notes', 'steady')
-        },
-        **{name: sorted(getattr(data, name)) for name in _SETS},
-        'paths': [str(path) for path in paths],
-        'identities': [dict(one) for one in loaded.identities],
-        'controllers': loaded.controllers,
-        'window': loaded.window,
-    }
-    return ArrayFile(arrays, about)
-
-
 class ReadAgain(Sequence[Recording]):
     """Recordings at paths, each of which is read anew whenever it is indexed."""
 
@@ -286,32 +279,8 @@ class ReadAgain(Sequence[Recording]):
     def __len__(self) -> int:
         return len(self._paths)
 
-    @overload
-    def __getitem__(self, index: int) -> Recording: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Recording, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Recording | tuple[Recording, ...]:
-        if isinstance(index, slice):
-            return tuple(Recording.open(path) for path in self._paths[index])
+    def __getitem__(self, index: Any) -> Any:
         return Recording.open(self._paths[index])
-
-
-def _loaded(found: ArrayFile) -> Loaded:
-    about = found.about
-    own: dict[str, Any] = {
-        'rate': about['rate'],
-        'steady': about.get('steady', False),
-        'extras': _named(found.arrays, 'extra '),
-        **{name: tuple(about[name]) for name in ('names', 'recordings', 'notes')},
-        **{name: frozenset(about.get(name, ())) for name in _SETS},
-        **{name: v for name, v in found.arrays.items() if not name.startswith('extra ')},
-    }
-    data = AlignedDataset(**own)
-    recordings = ReadAgain([Path(path) for path in about['paths']])
-    identities, controllers = tuple(about['identities']), tuple(about['controllers'])
-    return Loaded(data, recordings, identities, controllers, about['window'])
 
 
 def _named(arrays: Mapping[str, NDArray[Any]], start: str) -> dict[str, NDArray[Any]]:

@@ -5,6 +5,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +14,12 @@ from wattwalk_core.errors import InputError
 
 from power_workbench.live.feed import LiveFeed
 from power_workbench.sessions.jobs import JobRunner, SessionJob
-from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
+from power_workbench.sessions.opened_cache import OpenedCache
 from power_workbench.sessions.source import Findings, Key, SeenModels, Source
-from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
+from power_workbench.sessions.steps import SessionRecord, SessionStep, import_command
 from power_workbench.views.view import PowerView
 
 _STAGES = {
-    'open': 'Opening',
     'load': 'Loading the model',
     'fit': 'Fitting',
     'add': 'Adding',
@@ -56,7 +57,6 @@ class WorkbenchSession:
         self.recordings: list[dict[str, Any]] = []
         self.approved: set[str] = set()
         self.log: Mapping[str, Any] = {}
-        self.commands = Commands(folder)
         self.runner = JobRunner(self._heard)
         self.live = LiveFeed(streamed)
         self._changed = changed
@@ -124,10 +124,8 @@ class WorkbenchSession:
 
     def fresh(self, kind: str, suffix: str) -> Path:
         """Return a path KIND_N + suffix in the session's folder that is not there yet."""
-        number = 1
-        while (self.folder / f'{kind}_{number}{suffix}').exists():
-            number += 1
-        return self.folder / f'{kind}_{number}{suffix}'
+        paths = (self.folder / f'{kind}_{number}{suffix}' for number in count(1))
+        return next(path for path in paths if not path.exists())
 
     def _key(self) -> Key | None:
         opened = self.record.opened
@@ -199,7 +197,7 @@ class WorkbenchSession:
             }
 
         def keep(found: Mapping[str, Any]) -> None:
-            command = '' if 'error' in found else self.commands.imported(**given)
+            command = '' if 'error' in found else import_command(**given)
             self.log = {**self.log, 'result': {**found, 'command': command}, 'turn': self.revision}
 
         name = 'Previewing' if only_look else 'Importing'
@@ -208,10 +206,7 @@ class WorkbenchSession:
     def line(self, spec: str) -> None:
         """Begin to judge another model on the recordings; its errors are in `lines`."""
         source = self.source
-
-        def keep(found: Mapping[str, Any]) -> None:
-            self._seen.keep_line(source, found)
-
+        keep = partial(self._seen.keep_line, source)
         self.start('Comparing', 'line', {'source': source, 'spec': spec}, keep)
 
     @property
@@ -268,9 +263,8 @@ class WorkbenchSession:
             after = self.record.do(step)
             source = Source.of(step, after.effect_files)
             kept = self._kept(source)
-            if kept is not None and not self.spec:
-                self.runner.warm()
-                self._done(kept.result)
+            if kept is not None:
+                self._done(kept)
             else:
                 self.runner.run('Opening', 'open', {'source': source, 'spec': self.spec})
             return
@@ -297,21 +291,26 @@ class WorkbenchSession:
             self.error = str(error)
             return
         kept = None if self.recordings else self._kept(source)
-        if kept is not None and not self.spec:
-            self.runner.warm()
-            self._keep(kept.result)
+        if kept is not None:
+            self._keep(kept)
             return
         request = 'judge' if self.recordings else 'open'
         self.start('Comparing', request, {'source': source, 'spec': self.spec}, self._keep)
 
-    def _kept(self, source: Source) -> KeptOpening | None:
-        """Show what is known of recordings that were read before, without reading them again."""
+    def _kept(self, source: Source) -> dict[str, Any] | None:
+        """Show what is known of recordings that were read before, without reading them again.
+
+        Returns the result of `open`; None where they are to be read, or a model to be judged.
+        """
         self._partial = None
         kept = self._cache.opening(self._cache.key(source))
         if kept is None or source.sha256 not in ((), kept.sha256):
             return None
         self._partial, self.recordings = kept.view, list(kept.recordings)
-        return kept
+        if self.spec:
+            return None
+        self.runner.warm()
+        return kept.result
 
     def _keep(self, result: Mapping[str, Any]) -> None:
         self.recordings = result.get('recordings', self.recordings)

@@ -3,13 +3,14 @@
 import os
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import field, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Length, Name, Printable, Quantity, parse, schema
+from wattwalk_core.schema import Name, Printable, Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 FORMAT: Final = 'workbench_session/1'
@@ -44,14 +45,8 @@ class SessionStep:
     rmse_w: dict[str, Annotated[float, Quantity(0.0, 1e12, 'W')]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        needed = {
-            'open': 'recordings',
-            'load': 'file',
-            'fit': 'effects',
-            'add': 'effects',
-            'remove': 'effects',
-            'effects': 'file',
-        }[self.kind]
+        others = {'open': 'recordings', 'load': 'file', 'effects': 'file'}
+        needed = others.get(self.kind, 'effects')
         if not getattr(self, needed):
             raise InputError(f'a step {self.kind} needs {needed}')
         if self.model and Path(self.model).name != self.model:
@@ -72,7 +67,7 @@ class SessionRecord:
     """Steps in their order, of which the first `at` are in force; the others were undone."""
 
     format: Literal['workbench_session/1'] = FORMAT
-    steps: Annotated[tuple[SessionStep, ...], Length(0)] = ()
+    steps: tuple[SessionStep, ...] = ()
     at: Annotated[int, Quantity(0, 100_000)] = 0
 
     def __post_init__(self) -> None:
@@ -128,10 +123,8 @@ class SessionRecord:
     def next_model(self) -> str:
         """Return a name for a model file that no step has written."""
         used = {step.model for step in self.steps}
-        number = len(self.steps)
-        while f'model_{number}.yaml' in used or not number:
-            number += 1
-        return f'model_{number}.yaml'
+        names = (f'model_{number}.yaml' for number in count(max(len(self.steps), 1)))
+        return next(name for name in names if name not in used)
 
     def save(self, folder: Path) -> None:
         """Write the session's file, whole or not at all."""
@@ -155,78 +148,80 @@ def shown_path(path: str | Path) -> str:
     return str(path) if text.startswith('..') else text
 
 
+@dataclass(frozen=True)
 class Commands:
     """Shell commands that do what the steps of a session in a folder did."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    folder: Path
+    record: SessionRecord
 
-    def of(self, record: SessionRecord, index: int) -> str:
+    def of(self, index: int) -> str:
         """Return the command of step `index` of the history; '' for none."""
-        before, step = record.go(index), record.steps[index]
-        opened, spec = before.opened, before.spec(self._folder)
-        output = self._folder / step.model
+        step = self.record.steps[index]
+        before, after = (replace(self, record=self.record.go(at)) for at in (index, index + 1))
         if step.without:
-            after = record.go(index + 1)
-            return self.compare(after) if after.spec(self._folder) else self.budget(after)
+            return after.compare() if after.record.spec(self.folder) else after.budget()
         if step.kind == 'open':
             return _joined('power_recordings info', [*map(shown_path, step.recordings)])
         if step.kind == 'effects':
             return _joined('power_lab fit BAG', ['--effects-path', shown_path(step.file)])
-        if opened is None:
+        if before.record.opened is None:
             return ''
-        bags = self._bags(before)
         if step.kind == 'load':
-            return self.compare(before, step.file)
+            return before.compare(step.file)
         if step.kind == 'add':
-            words = ['add', *step.effects, '--to', self._spec(spec), '--bag', *bags]
-            return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
-        # A model whose effects are removed is fitted anew with those that are left.
-        effects = effects_of(record.go(index + 1))
-        words = ['fit', *bags, '--effects', ','.join(effects)]
-        words += ['--base', step.base] if step.base else []
-        return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
+            words = ['add', *step.effects, '--to', before._spec(), '--bag', *before._bags()]
+        else:
+            # A model whose effects are removed is fitted anew with those that are left.
+            words = ['fit', *before._bags(), '--effects', ','.join(effects_of(after.record))]
+            words += ['--base', step.base] if step.base else []
+        words += ['-o', shown_path(self.folder / step.model)]
+        words += ['--per', step.per] if step.per else []
+        words += ['--seed', str(step.seed)] if step.seed else []
+        return before._power_lab(words)
 
-    def compare(self, record: SessionRecord, spec: str = '') -> str:
+    def compare(self, spec: str = '') -> str:
         """Return the command that judges a model, the present one by default."""
-        model = self._spec(spec or record.spec(self._folder))
-        return self._power_lab(record, ['compare', *self._bags(record), '--models', model])
+        return self._power_lab(['compare', *self._bags(), '--models', self._spec(spec)])
 
-    def budget(self, record: SessionRecord) -> str:
+    def budget(self) -> str:
         """Return the command that accounts for the power."""
-        spec = record.spec(self._folder)
-        model = ['--model', self._spec(spec)] if spec.endswith(('.yaml', '.yml')) else []
-        return self._power_lab(record, ['budget', *self._bags(record), *model])
+        is_file = self.record.spec(self.folder).endswith(('.yaml', '.yml'))
+        model = ['--model', self._spec()] if is_file else []
+        return self._power_lab(['budget', *self._bags(), *model])
 
-    def on_model(self, record: SessionRecord, verb: str, *more: str) -> str:
+    def on_model(self, verb: str, *more: str) -> str:
         """Return the command `verb` on the present model; more: its last words."""
-        model = self._spec(record.spec(self._folder))
-        return self._power_lab(record, [verb, *self._bags(record), '--model', model, *more])
+        return self._power_lab([verb, *self._bags(), '--model', self._spec(), *more])
 
-    def imported(
-        self, file: str, content: object, map_file: Path = Path(), output: Path = Path()
-    ) -> str:
-        """Return the command that imports a log; without output, that which lists its columns."""
-        how = ['--map', shown_path(map_file), '-o', shown_path(output)]
-        words = [shown_path(file), *(['--list'] if output == Path() else how)]
-        return _joined('power_recordings import', words)
+    def _bags(self) -> list[str]:
+        opened = self.record.opened
+        return [] if opened is None else [*map(shown_path, opened.recordings)]
 
-    def _bags(self, record: SessionRecord) -> list[str]:
-        return [] if record.opened is None else [*map(shown_path, record.opened.recordings)]
-
-    def _spec(self, spec: str) -> str:
+    def _spec(self, spec: str = '') -> str:
+        """A model, the present one by default, as one would type it."""
+        spec = spec or self.record.spec(self.folder)
         return shown_path(spec) if spec.endswith(('.yaml', '.yml')) else spec
 
-    def _power_lab(self, record: SessionRecord, words: Sequence[str]) -> str:
-        opened, more = record.opened, []
+    def _power_lab(self, words: Sequence[str]) -> str:
+        opened, more = self.record.opened, []
         if opened is not None:
             more += ['--drives', *opened.drives] if opened.drives else []
             more += ['--without', ','.join(opened.without)] if opened.without else []
             more += ['--slow-meter'] if opened.slow else []
             more += ['--ignore-unit-conflicts'] if opened.anyway else []
-        if record.effect_files:
-            more += ['--effects-path', *map(shown_path, record.effect_files)]
+        if self.record.effect_files:
+            more += ['--effects-path', *map(shown_path, self.record.effect_files)]
         return _joined('power_lab', [*words, *more])
+
+
+def import_command(
+    file: str, content: object, map_file: Path = Path(), output: Path = Path()
+) -> str:
+    """Return the command that imports a log; without output, that which lists its columns."""
+    how = ['--map', shown_path(map_file), '-o', shown_path(output)]
+    words = [shown_path(file), *(['--list'] if output == Path() else how)]
+    return _joined('power_recordings import', words)
 
 
 def effects_of(record: SessionRecord) -> list[str]:
@@ -240,11 +235,6 @@ def effects_of(record: SessionRecord) -> list[str]:
         elif step.kind == 'remove':
             names = [name for name in names if name not in step.effects]
     return names
-
-
-def _options(step: SessionStep) -> list[str]:
-    per = ['--per', step.per] if step.per else []
-    return [*per, '--seed', str(step.seed)] if step.seed else per
 
 
 def _joined(command: str, words: Sequence[str]) -> str:

@@ -67,13 +67,8 @@ def _view(
         slots=np.concatenate(slots),
         recording=np.concatenate(owner),
         measured=np.concatenate(rows),
-        residual=None,
-        state={},
-        words={},
         noise=np.full(len(meters), np.nan, np.float32),
         still=(0.0,) * len(meters),
-        content={},
-        model=None,
         share=share,
     )
 

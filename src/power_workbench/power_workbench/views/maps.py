@@ -74,22 +74,22 @@ def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
         return {'x': [], 'y': [], 'mean': [], 'rms': [], 'seconds': [], 'curve': [], 'limits': {}}
     across, up, error = across[good], up[good], error[good]
     count = int(np.clip(np.sqrt(len(error) / _FILL), *_CELLS))
-    edges = [_edges(across, count), _edges(up, count)]
+    x_edges, y_edges = _edges(across, count), _edges(up, count)
     rows, sums, squares = (
-        np.histogram2d(up, across, bins=[edges[1], edges[0]], weights=weights)[0]
+        np.histogram2d(up, across, bins=[y_edges, x_edges], weights=weights)[0]
         for weights in (None, error, np.square(error))
     )
     with np.errstate(invalid='ignore', divide='ignore'):
         mean = np.where(rows >= least, sums / rows, np.nan)
-        rms = np.where(rows >= least, np.sqrt(squares / rows), np.nan)
+        root = np.where(rows >= least, np.sqrt(squares / rows), np.nan)
     curve = bins(across.astype(np.float64), -error.astype(np.float64))
     return {
-        'x': rounded(_middles(edges[0])),
-        'y': rounded(_middles(edges[1])),
+        'x': rounded(0.5 * (x_edges[1:] + x_edges[:-1])),
+        'y': rounded(0.5 * (y_edges[1:] + y_edges[:-1])),
         'mean': [rounded(row) for row in mean],
-        'rms': [rounded(row) for row in rms],
+        'rms': [rounded(row) for row in root],
         'seconds': [rounded(row) for row in rows / REDUCED_RATE],
-        'limits': {'mean': _limit(np.abs(mean), rows), 'rms': _limit(rms, rows)},
+        'limits': {'mean': _limit(np.abs(mean), rows), 'rms': _limit(root, rows)},
         'curve': [
             rounded([0.5 * (b.low + b.high), b.mean, b.rmse, b.count / REDUCED_RATE])
             for b in curve
@@ -103,9 +103,7 @@ def in_box(view: PowerView, drive: str, bounds: Mapping[str, tuple[float, float]
     """Choose the rows whose state lies within bounds {quantity: (low, high)}."""
     rows = np.ones(len(view.slots), bool)
     for name, limits in bounds.items():
-        low, high = sorted(limits)
-        values = values_of(view, name, drive)
-        rows &= (values >= low) & (values <= high)
+        rows &= _within(values_of(view, name, drive), limits)
     return _chosen(view, drive, rows, _in_words(bounds))
 
 
@@ -116,12 +114,11 @@ def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
     rows = np.ones(len(view.slots), bool)
     torque, speed = (values_of(view, name, drive) for name in ('torque', 'velocity'))
     for name, limits in regime['bounds'].items():
-        low, high = sorted(limits)
         values = values_of(view, _MODULI.get(name, name), drive)
         if name not in _MODULI:
-            rows &= (values >= low) & (values <= high)
+            rows &= _within(values, limits)
             continue
-        unit = UNITS[name]
+        (low, high), unit = sorted(limits), UNITS[name]
         is_open = any(c.startswith('above') and c.endswith(unit) for c in conditions)
         rows &= (np.abs(values) >= low) & (is_open | (np.abs(values) < high))
     if 'at rest' in conditions:
@@ -140,9 +137,12 @@ def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
 
 def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
     """Choose the rows from start to stop, in seconds as they are shown."""
-    time = view.slots / REDUCED_RATE
-    rows = (time >= min(start, stop)) & (time <= max(start, stop))
+    rows = _within(view.slots / REDUCED_RATE, (start, stop))
     return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
+
+
+def _within(values: NDArray[Any], limits: Sequence[float]) -> Mask:
+    return np.asarray((values >= min(limits)) & (values <= max(limits)))
 
 
 def scatter_points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
@@ -168,14 +168,14 @@ def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
             why = f'{seconds:.1f} s, without a model to compare'
         content['sentence'] = f'{where}: {why}.'
         return Chosen(rows, content)
-    mean, within = float(inside.mean()), _rms(inside)
+    mean, within = float(inside.mean()), rms(inside)
     side = 'too low' if mean < 0 else 'too high'
     content |= {'bias_w': round(mean, 5), 'rmse_w': round(within, 5)}
     sentence = f'{where}: the model is {digits(abs(mean))} W {side} on average, '
     sentence += f'{digits(within)} W rms'
     if outside.size:
-        content['rmse_outside_w'] = round(_rms(outside), 5)
-        sentence += f' inside against {digits(_rms(outside))} W outside'
+        content['rmse_outside_w'] = round(rms(outside), 5)
+        sentence += f' inside against {digits(rms(outside))} W outside'
     held, whole = (float(np.square(e, dtype=np.float64).sum()) for e in (inside, error[known]))
     share = held / max(whole, 1e-12)
     content['share'] = round(share, 4)
@@ -184,8 +184,10 @@ def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
     return Chosen(rows, content)
 
 
-def _rms(values: Singles) -> float:
-    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+def rms(values: Singles) -> float:
+    """Return the root of the mean square of the finite values; NaN without any."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known, dtype=np.float64)))) if known.size else np.nan
 
 
 def _in_words(bounds: Mapping[str, Sequence[float]]) -> str:
@@ -201,19 +203,13 @@ def _limit(values: NDArray[np.float64], rows: NDArray[np.float64]) -> float | No
     known = np.isfinite(values)
     if not known.any():
         return None
-    order = np.argsort(values[known])
-    reached = np.cumsum(rows[known][order])
-    place = np.searchsorted(reached, 0.97 * reached[-1])
-    return short_one(float(values[known][order][place]))
+    how: Any = {'weights': rows[known], 'method': 'inverted_cdf'}
+    return short_one(float(np.quantile(values[known], 0.97, **how)))
 
 
 def _edges(values: Singles, count: int) -> NDArray[np.float64]:
     low, high = np.quantile(values, [_TAIL, 1.0 - _TAIL]).tolist()
     return np.linspace(low, high + 1e-9, count + 1)
-
-
-def _middles(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    return 0.5 * (edges[1:] + edges[:-1])
 
 
 def rounded(values: Sequence[float] | NDArray[np.floating[Any]]) -> list[float | None]:

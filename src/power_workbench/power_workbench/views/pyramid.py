@@ -57,20 +57,20 @@ class Pyramid:
         size = FACTOR**level
         first, last = start // size, -(-stop // size)
         low, high = (values[first:last] for values in self._levels[level])
-        joined = max(1, wanted // size)
-        if joined > 1:
-            low, high = _joined(low, joined, np.fmin), _joined(high, joined, np.fmax)
-        return Span(first * size, size * joined, low, high)
+        return _span(first * size, size, low, high, wanted // size)
 
 
-def masked(values: Singles, rows: NDArray[np.bool_], start: int, stop: int, most: int) -> Span:
-    """Return extremes of the marked slots [N] from start to stop, in `most` blocks at most."""
-    start, stop = max(0, start), max(max(0, start), min(len(values), stop))
-    part = np.where(rows[start:stop, None], values[start:stop], np.float32(np.nan))
-    step = max(1, -(-(stop - start) // max(1, most)))
-    if step == 1:
-        return Span(start, 1, part, part)
-    return Span(start, step, _joined(part, step, np.fmin), _joined(part, step, np.fmax))
+def extremes(values: Singles, start: int, stop: int, most: int) -> Span:
+    """Return extremes of values [N, M] from slot start to stop, in `most` blocks at most."""
+    part = values[start:stop]
+    return _span(start, 1, part, part, -(-len(part) // most))
+
+
+def _span(start: int, size: int, low: Singles, high: Singles, count: int) -> Span:
+    """Join extremes in blocks of `size` slots to extremes in `count` times as large ones."""
+    if count > 1:
+        low, high = _joined(low, count, np.fmin), _joined(high, count, np.fmax)
+    return Span(start, size * max(1, count), low, high)
 
 
 def _joined(values: Singles, count: int, extreme: np.ufunc) -> Singles:

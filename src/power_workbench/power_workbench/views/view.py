@@ -136,13 +136,13 @@ class PowerView:
     slots: NDArray[np.int64]  # [N], ascending
     recording: NDArray[np.int32]  # [N]
     measured: Singles  # W [N, M]
-    residual: Singles | None  # measured − estimated, W [N, M], held out
-    state: Mapping[str, Singles]  # [N, D]
-    words: Mapping[str, StateWords]
     noise: Singles  # W [M]
     still: tuple[float, ...]  # rad/s [D], below which a drive is at rest
-    content: Mapping[str, Any]
-    model: Mapping[str, Any] | None
+    residual: Singles | None = None  # measured − estimated, W [N, M], held out
+    state: Mapping[str, Singles] = field(default_factory=dict)  # [N, D]
+    words: Mapping[str, StateWords] = field(default_factory=dict)
+    content: Mapping[str, Any] = field(default_factory=dict)
+    model: Mapping[str, Any] | None = None
     share: float = 1.0  # of the recordings that was read
     time: Floats = field(default_factory=lambda: np.empty(0))  # s [N], since the first sample
     left_out: tuple[LeftOut, ...] = ()

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from power_recordings.reading.bag_folder import check_recordings
@@ -37,10 +38,8 @@ def entries_of(
         raise InputError(
             f'{len(recordings)} recordings for {len(found)} sound files; give one for each'
         )
-    if not recordings:
-        return found
-    pairs = zip(found, recordings, strict=True)
-    return [Entry(entry.path, entry.policy, bag) for entry, bag in pairs]
+    bags = recordings or [None] * len(found)
+    return [replace(entry, recording=bag) for entry, bag in zip(found, bags, strict=True)]
 
 
 def run(options: argparse.Namespace) -> None:

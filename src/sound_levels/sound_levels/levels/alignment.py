@@ -1,10 +1,12 @@
 """Alignment of a sound with a recording: by a clap, the first step, or the gait."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from power_recordings.alignment.filters import masked_correlation
 from power_recordings.reading.reader import Recording
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import correlate
 from scipy.stats import theilslopes
 from wattwalk_core.arrays import Floats
@@ -126,18 +128,12 @@ def align_sound(
     if method == 'none':
         return None
     ways = {'clap': _by_clap, 'gait': _by_gait, 'step': _by_step}
-    wanted = list(ways) if method == 'auto' else [method]
-    refused = []
-    for name in wanted:
-        try:
-            found = ways[name](sound, events, clap_at)
-        except InputError as error:
-            refused.append(str(error))
-            continue
-        return _refined(found, sound, events)
-    if method == 'auto':
-        return None
-    raise InputError(refused[0])
+    if method != 'auto':
+        return _refined(ways[method](sound, events, clap_at), sound, events)
+    for way in ways.values():
+        with suppress(InputError):
+            return _refined(way(sound, events, clap_at), sound, events)
+    return None
 
 
 def _by_clap(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
@@ -214,11 +210,11 @@ def _high_passed_signals(sound: Sound, events: Events) -> tuple[Floats, Floats]:
 
 
 def _smooth(values: Floats, length: int) -> Floats:
-    total = np.cumsum(np.concatenate([[0.0], values]))
-    index = np.arange(len(values))
-    low = np.clip(index - length // 2, 0, len(values))
-    high = np.clip(index + (length + 1) // 2, 0, len(values))
-    return np.asarray((total[high] - total[low]) / np.maximum(high - low, 1))
+    """Mean of `length` samples around each, of fewer at the ends."""
+    total, count = (
+        uniform_filter1d(of, length, mode='constant') for of in (values, np.ones_like(values))
+    )
+    return np.asarray(total / count)
 
 
 def _correlation(level: Floats, loading: Floats) -> tuple[Floats, Floats]:

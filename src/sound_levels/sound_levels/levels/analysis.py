@@ -1,7 +1,7 @@
 """Levels by policy from sound files, recordings and a calibrator."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -131,14 +131,7 @@ class Take:
     @property
     def stretch(self) -> Stretch:
         """Evaluated part of the sound, in the form that `statistics` takes."""
-        sound, rows = self.sound, self.counted
-        return Stretch.of(
-            self.path.name,
-            sound.step,
-            sound.energy[rows],
-            sound.detector[rows],
-            sound.highest[rows],
-        )
+        return Stretch.of(self.sound, self.counted)
 
 
 @dataclass(frozen=True)
@@ -160,8 +153,8 @@ class Analysis:
     def shift(self) -> float:
         """Offset in dB to add to levels re full scale squared, to get them in `unit`."""
         if self.tone is None:
-            return float(decibels(np.array(2.0)))
-        return self.tone.level - float(decibels(np.array(self.tone.mean_square)))
+            return float(decibels(2.0))
+        return self.tone.level - float(decibels(self.tone.mean_square))
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -174,9 +167,7 @@ class Analysis:
 
     def levels(self, takes: Sequence[Take]) -> Levels:
         """Return the level statistics of several takes together, in `unit`."""
-        found = levels([take.stretch for take in takes])
-        shifted = {k: v + self.shift for k, v in asdict(found).items() if k != 'seconds'}
-        return Levels(seconds=found.seconds, **shifted)
+        return levels([take.stretch for take in takes], self.shift)
 
     def bands(self, policy: str) -> dict[float, float]:
         """Return the unweighted third-octave levels in the unit, by frequency in Hz."""

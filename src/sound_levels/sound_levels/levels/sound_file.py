@@ -64,7 +64,8 @@ class SoundFile:
 
     def blocks(self) -> Iterator[Floats]:
         """Yield samples [N, channels], full scale 1; InputError for NaN or an unreadable file."""
-        top = self._top()
+        bits = _BITS.get(self.subtype)
+        top = 1.0 if bits is None else 1.0 - 1.5 / 2.0 ** (bits - 1)
         try:
             with soundfile.SoundFile(self.path) as file:
                 while len(block := file.read(_BLOCK, dtype='float64', always_2d=True)):
@@ -96,10 +97,6 @@ class SoundFile:
         if bad.any():
             at = (self.frames + int(np.argmax(bad))) / self.rate
             raise InputError(f'{self.path} has values that are no number, the first at {at:.3f} s')
-
-    def _top(self) -> float:
-        bits = _BITS.get(self.subtype)
-        return 1.0 if bits is None else 1.0 - 1.5 / 2.0 ** (bits - 1)
 
 
 def _clipped(block: Floats, top: float) -> int:

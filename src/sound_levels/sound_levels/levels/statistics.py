@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from arch.bootstrap import optimal_block_length
 from scipy.stats import ttest_ind
-from wattwalk_core.arrays import Floats
+from wattwalk_core.arrays import Bools, Floats
+
+from sound_levels.levels.meter import Sound
 
 FIGURES = ('leq', 'l10', 'l50', 'l90')
 _PIECE = 0.125  # s
@@ -26,24 +28,20 @@ class Stretch:
     largest value of the detector.
     """
 
-    name: str
     energy: Floats
     detector: Floats
     peak: float
 
     @classmethod
-    def of(
-        cls, name: str, step: float, energy: Floats, detector: Floats, highest: Floats
-    ) -> 'Stretch':
-        """Join bins of `step` s into pieces; an incomplete one at the end is left out."""
-        length = max(1, round(_PIECE / step))
-        whole = len(energy) // length * length
-        return cls(
-            name,
-            energy[:whole].reshape(-1, length).mean(axis=1),
-            detector[:whole].reshape(-1, length)[:, -1],
-            float(highest.max(initial=0.0)),
+    def of(cls, sound: Sound, rows: Bools) -> 'Stretch':
+        """Join the marked bins of a sound to pieces; an incomplete one at the end is left out."""
+        length = max(1, round(_PIECE / sound.step))
+        whole = int(rows.sum()) // length * length
+        energy, detector = (
+            values[rows][:whole].reshape(-1, length) for values in (sound.energy, sound.detector)
         )
+        highest = float(sound.highest[rows].max(initial=0.0))
+        return cls(energy.mean(axis=1), detector[:, -1], highest)
 
     @property
     def seconds(self) -> float:
@@ -53,7 +51,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Levels:
-    """Levels in dB re the unit of the mean squares: `l10` is exceeded for 10 % of the time."""
+    """Levels in dB: `l10` is exceeded for 10 % of the time."""
 
     seconds: float
     leq: float
@@ -71,11 +69,11 @@ class Difference:
     interval: tuple[float, float]
 
 
-def levels(stretches: Sequence[Stretch]) -> Levels:
-    """Return the levels over all sounds of a policy together."""
-    leq, l10, l50, l90 = _together(stretches).tolist()
-    peak = float(decibels(np.array(max(s.peak for s in stretches))))
-    return Levels(sum(s.seconds for s in stretches), leq, l10, l50, l90, peak)
+def levels(stretches: Sequence[Stretch], shift: float = 0.0) -> Levels:
+    """Return the levels over all sounds of a policy together, plus `shift` dB."""
+    peak = decibels(max(stretch.peak for stretch in stretches))
+    found = np.append(_together(stretches), peak) + shift
+    return Levels(sum(stretch.seconds for stretch in stretches), *found.tolist())
 
 
 def differences(
@@ -127,7 +125,7 @@ def block_length(stretch: Stretch) -> int:
     return int(np.clip(np.ceil(found), 1, max(1, len(level) // 4)))
 
 
-def decibels(mean_square: Floats) -> Floats:
+def decibels(mean_square: Floats | float) -> Floats:
     """Return 10·log10 of mean squares, at least 1e-30."""
     return np.asarray(10.0 * np.log10(np.maximum(mean_square, _LOWEST)))
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from wattwalk_core.figures import OTHERS, embedded, style
+from wattwalk_core.figures import BLUE, OTHERS, embedded, style
 from wattwalk_core.pages.page import Page
 
 from sound_levels.levels.analysis import Analysis, Take
 from sound_levels.levels.statistics import decibels
 from sound_levels.levels.summary import LEVEL_COLUMNS, level_rows, sentences
 
-COLOURS = {False: ('#0072B2', *OTHERS), True: ('#56B4E9', *OTHERS)}
+COLOURS = {dark: (blue, *OTHERS) for dark, blue in BLUE.items()}
 DASHES = ('-', (0, (5, 1.5)), (0, (1.5, 1)), '-.')
 _SHOWN = 30.0  # s
 _CLOSE_UP = 3.0  # s shown of an alignment

@@ -7,12 +7,11 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -40,22 +39,17 @@ Dask's 64 KiB has the kernel clear the pages of every array anew.
 """
 
 
-@dataclass(frozen=True)
-class _Task(Generic[Item, Result]):
-    """A function with the code that it needs on a worker; one thread for its products."""
-
-    function: Callable[[Item], Result]
-    code: tuple[str, ...]
-    expected: str
-
-    def __call__(self, item: Item) -> Result:
-        if self.expected and (found := _installed(self.code)) != self.expected:
-            raise InputError(
-                f'worker on {platform.node()} has other versions ({found}) than this machine '
-                f'({self.expected}): install the same on both'
-            )
-        with threadpool_limits(limits=1):
-            return self.function(item)
+def _run(
+    function: Callable[[Item], Result], code: tuple[str, ...], expected: str, item: Item
+) -> Result:
+    """Run a function, whose products get one thread, on a worker that has the expected code."""
+    if expected and (found := _installed(code)) != expected:
+        raise InputError(
+            f'worker on {platform.node()} has other versions ({found}) than this machine '
+            f'({expected}): install the same on both'
+        )
+    with threadpool_limits(limits=1):
+        return function(item)
 
 
 class TaskEngine:
@@ -121,13 +115,13 @@ class TaskEngine:
         """Yield places of items as their tasks end, each with a call for its result."""
         remote = bool(self.place.scheduler)
         if not items or (not remote and self.place.processes(len(items)) == 1):
-            own = _Task(function, (), '')
-            yield from ((place, partial(own, item)) for place, item in enumerate(items))
+            for place, item in enumerate(items):
+                yield place, partial(_run, function, (), '', item)
             return
         from distributed import as_completed  # slow to import
 
         names = tuple(code) or (_package_of(function),)
-        task = _Task(function, names, _installed(names) if remote else '')
+        task = partial(_run, function, names, _installed(names) if remote else '')
         client = self._client or self._begin(len(items))
         futures = client.map(task, items, pure=False, key='task')
         places = {future.key: place for place, future in enumerate(futures)}

@@ -99,7 +99,7 @@ def spin(node: Node, *until: Future) -> None:
                 executor.create_task(lambda: None)
 
     spinning = True
-    turn = executor.spin_once if poll is None else _PollingTurn(node, poll, executor)
+    turn = executor.spin_once if poll is None else _polling_turn(node, poll, executor)
     try:
         for future in until:
             future.add_done_callback(wake)
@@ -117,26 +117,26 @@ def spin(node: Node, *until: Future) -> None:
         executor.shutdown()
 
 
-class _PollingTurn:
-    """Polls a node and serves its executor, or sleeps until the node wants to be polled."""
+def _polling_turn(
+    node: Node, poll: Callable[[], float], executor: SingleThreadedExecutor
+) -> Callable[[], None]:
+    """Return what polls a node, then serves the executor or sleeps until the next poll."""
+    on_ros_time = bool(node.get_parameter('use_sim_time').value)
+    due = time.monotonic()
 
-    def __init__(
-        self, node: Node, poll: Callable[[], float], executor: SingleThreadedExecutor
-    ) -> None:
-        self._poll, self._executor = poll, executor
-        self._always = bool(node.get_parameter('use_sim_time').value)
-        self._due = time.monotonic()
-
-    def __call__(self) -> None:
-        wait = max(self._poll(), 0.0)
+    def turn() -> None:
+        nonlocal due
+        wait = max(poll(), 0.0)
         now = time.monotonic()
-        if self._always:
-            self._executor.spin_once(timeout_sec=wait)
-        elif now >= self._due:
-            self._due = now + SERVED
-            self._executor.spin_once(timeout_sec=0.0)
+        if on_ros_time:
+            executor.spin_once(timeout_sec=wait)
+        elif now >= due:
+            due = now + SERVED
+            executor.spin_once(timeout_sec=0.0)
         else:
-            time.sleep(min(wait, self._due - now))
+            time.sleep(min(wait, due - now))
+
+    return turn
 
 
 def run_node(make: Callable[[], Any], arguments: Sequence[str]) -> int:
