@@ -15,7 +15,7 @@ from sim_bridge.offline.run import OfflineRun
 from sim_bridge.offline.telemetry import gather
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.plant.simulation import Simulation
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import stand_world, walking_world
 from wattwalk_core.anymal import JOINT_NAMES, ROBOT_MASS
@@ -120,14 +120,13 @@ def columns_of(data: AlignedDataset, kind: str) -> list[int]:
     return [i for i, name in enumerate(data.names) if name.endswith(kind)]
 
 
-def idle_power(plant: Plant, duration: float = 0.5) -> float:
-    """Return the power of the twelve drives at rest, W, at the meter's terminals."""
+def idle_power(plant: Plant) -> float:
+    """Return the power of the twelve drives at rest for 0.4 s, W, at the meter's terminals."""
     total = 0.0
     for joint in JOINT_NAMES:
         simulation = Simulation(plant, stand_world(joint))
         simulation.hold(JointCommand())
-        blocks = [simulation.advance(400) for _ in range(max(round(duration / STEP) // 400, 1))]
-        total += float(np.mean([block.power.mean() for block in blocks]))
+        total += float(np.mean([simulation.advance(400).power.mean() for _ in range(2)]))
     return total
 
 

@@ -4,7 +4,6 @@ import contextlib
 import io
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -67,15 +66,6 @@ _CRITIC_RATE: Final = 1e-3
 _CRITIC_EPOCHS: Final = 3
 
 
-@dataclass
-class Round:
-    """Result of one iteration of collecting and learning."""
-
-    iteration: int
-    steps: int  # policy steps so far
-    values: dict[str, float] = field(default_factory=dict)  # means over the round
-
-
 class Learner:
     """PPO of a walking policy, seeded by the config; checkpoints hold tensors and numbers only.
 
@@ -103,9 +93,16 @@ class Learner:
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
 
     def run(
-        self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
+        self,
+        iterations: int,
+        report: Callable[[dict[str, float]], None],
+        *,
+        seconds: float | None = None,
     ) -> None:
-        """Run up to a total of iterations, or for some seconds; report: called after each."""
+        """Run up to a total of iterations, or for some seconds.
+
+        report: called after each with its means by name.
+        """
         start = time.monotonic()
         self.ppo.train_mode()
         while self.iteration < iterations:
@@ -182,7 +179,7 @@ class Learner:
                 loss.backward()
                 self._critic_optimiser.step()
 
-    def _round(self) -> Round:
+    def _round(self) -> dict[str, float]:
         config = self.config
         began = time.perf_counter()
         logs: list[dict[str, float]] = []
@@ -206,7 +203,7 @@ class Learner:
         values['action_std'] = float(self.ppo.get_policy().output_std.detach().mean())
         values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
         values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
-        return Round(self.iteration, self.environment.steps, values)
+        return values
 
 
 def _clip_advantages(advantages: torch.Tensor, most: float) -> None:

@@ -21,7 +21,7 @@ import policy_training
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import ACTION_CLIP, WalkingEnvironment
 from policy_training.environment.power_source import power_source
-from policy_training.learning.learner import Learner, Round
+from policy_training.learning.learner import Learner
 from policy_training.learning.run_folder import RunFolder, read_curves
 
 Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
@@ -66,20 +66,16 @@ def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     return Learner(config, environment, device)
 
 
-def train(
-    learner: Learner,
-    folder: RunFolder,
-    *,
-    seconds: float | None = None,
-) -> None:
+def train(learner: Learner, folder: RunFolder, *, seconds: float | None = None) -> None:
     """Train to the end of the config, or for some seconds; save curves, checkpoint and policy."""
     config = learner.config
     bar = counting_bar('M steps', digits=1)
 
-    def report(done: Round) -> None:
-        folder.add(done.iteration, done.steps, done.values)
-        bar.update(task, completed=done.steps / 1e6, description=_headline(config, done))
-        if done.iteration % config.checkpoint_every == 0:
+    def report(values: dict[str, float]) -> None:
+        steps = learner.environment.steps
+        folder.add(learner.iteration, steps, values)
+        bar.update(task, completed=steps / 1e6, description=_headline(config, values))
+        if learner.iteration % config.checkpoint_every == 0:
             folder.save(learner.checkpoint())
 
     with bar:
@@ -111,8 +107,7 @@ def train(
     bar.console.print(f'wrote {folder.policy}')
 
 
-def _headline(config: TrainingConfig, done: Round) -> str:
-    v = done.values
+def _headline(config: TrainingConfig, v: Mapping[str, float]) -> str:
     watts = f', {v["power/watts"]:.0f} W' if 'power/watts' in v else ''
     return (
         f'{config.name}: off by {v["error/velocity"]:.2f} m/s, {v["error/yaw"]:.2f} rad/s'
