@@ -88,7 +88,7 @@ def walk_of(
         data=data,
         raw=raw,
         velocity=velocity,
-        foot_force=_at(raw.time, forces.stamp_ns * 1e-9, np.asarray(forces.force, np.float64)),
+        foot_force=values_at(raw.time, forces.stamp_ns * 1e-9, forces.force),
         steady=_steady(data, velocity, _held(recording, data.time, task)),
         raw_steady=_steady(raw, raw_velocity, _held(recording, raw.time, task)),
         falls=falls,
@@ -134,10 +134,11 @@ def _velocity(recording: Recording, time: Floats) -> Floats:
     odometry = recording.odom()
     seconds = odometry.stamp_ns * 1e-9
     planar, turning = odometry.linear_velocity[:, :2], odometry.angular_velocity[:, 2]
-    return _at(time, seconds, np.column_stack([planar, turning]))
+    return values_at(time, seconds, np.column_stack([planar, turning]))
 
 
-def _at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]) -> Floats:
+def values_at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]) -> Floats:
+    """Return values [N, C], of seconds [N], at times [T], s, by linear interpolation [T, C]."""
     return np.column_stack([np.interp(time, seconds, column) for column in values.T])
 
 
