@@ -12,6 +12,7 @@ from rsl_rl.algorithms import PPO
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
 from policy_training.config import TrainingConfig
@@ -155,13 +156,15 @@ class Learner:
                     f'{seen.get(key)!r}; set it as it was, or begin anew'
                 )
 
-    def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return weight [out, in] and bias [out] of each layer of the policy."""
-        return [
-            (module.weight.detach().cpu(), module.bias.detach().cpu())
-            for module in self.ppo.get_policy().mlp
-            if isinstance(module, torch.nn.Linear)
-        ]
+    def actor_tensors(self) -> dict[str, Singles]:
+        """Return weight [out, in] and bias [out] of each layer, by name in a policy folder."""
+        modules = self.ppo.get_policy().mlp
+        layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
+        return {
+            f'layer{index}.{part}': tensor.detach().cpu().numpy()
+            for index, layer in enumerate(layers)
+            for part, tensor in layer.named_parameters()
+        }
 
     def _fit_critic(self) -> None:
         """Fit the critic to the round's returns at a learning rate of its own.

@@ -1,6 +1,6 @@
 """Training from a config to the exported policy, with progress on stderr."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from policy_runner.policies.folder import (
 from policy_runner.policies.observations import Observation
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 from wattwalk_core.console import counting_bar
+from wattwalk_core.tensors import Tensors
 
 import policy_training
 from policy_training.config import TrainingConfig
@@ -24,19 +25,17 @@ from policy_training.environment.power_source import power_source
 from policy_training.learning.learner import Learner
 from policy_training.learning.run_folder import RunFolder, read_curves
 
-Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
-
 
 def export_policy(
     folder: Path,
-    layers: Layers,
+    tensors: Tensors,
     config: TrainingConfig,
     observation: Observation,
     training: Mapping[str, Any],
 ) -> None:
     """Write `policy.yaml` and `weights.safetensors` of a policy into a folder.
 
-    layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
+    tensors: of each layer by name, as trained on this observation.
     training: origin of the policy, for people.
     """
     pose = (round(float(q), 6) + 0.0 for q in DEFAULT_POSE)
@@ -49,13 +48,9 @@ def export_policy(
         gains=dict.fromkeys(JOINT_NAMES, Gains(POSITION_GAIN, VELOCITY_GAIN)),
         action=Action(dict.fromkeys(JOINT_NAMES, config.action_scale), ACTION_CLIP),
         observation=observation,
-        network=PolicyNetwork(tuple(len(bias) for _, bias in layers[:-1])),
+        network=PolicyNetwork(config.ppo.hidden),
         training=dict(training),
     )
-    tensors = {}
-    for index, (weight, bias) in enumerate(layers):
-        tensors[f'layer{index}.weight'] = weight.numpy()
-        tensors[f'layer{index}.bias'] = bias.numpy()
     write_folder(folder, contract, tensors)
 
 
@@ -91,7 +86,7 @@ def train(learner: Learner, folder: RunFolder, *, seconds: float | None = None) 
     rows = read_curves(folder.path)
     export_policy(
         folder.policy,
-        learner.actor_layers(),
+        learner.actor_tensors(),
         config,
         learner.environment.observation,
         {
