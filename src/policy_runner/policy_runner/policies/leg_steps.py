@@ -11,14 +11,16 @@ _FOOT_FORCE_LIMIT: Final = 500.0  # N, normal, of one foot
 _PUSH_LIMIT: Final = 120.0  # N, horizontal, of all feet
 
 
-@compiled('void(f8[:, ::1], f8, f8, f8[:, :, ::1], f8[:, :, ::1], f8[:, :, :, ::1])')
+@compiled('void(f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, :, :, ::1])')
 def forward_steps(
-    legs: Floats, thigh: float, shank: float, angles: Floats, feet: Floats, jacobian: Floats
+    legs: Floats, lengths: Floats, angles: Floats, feet: Floats, jacobian: Floats
 ) -> None:
     """Write feet, m [N, 4, 3], and Jacobians, m/rad [N, 4, 3, 3], at angles, rad [N, 4, 3].
 
-    legs [6, 4]: hip x, y and z, offset ahead and aside, m, bend of the shank, rad.
+    legs [7, 4]: hip x, y and z, offset ahead and aside, m, bend of the shank, rad, and 1 for front
+    legs, −1 for hind ones. lengths: of thigh and shank, nearest and farthest reach of a leg, m.
     """
+    thigh, shank = lengths[0], lengths[1]
     for n in range(len(angles)):
         for leg in range(4):
             haa, hfe, kfe = angles[n, leg]
@@ -42,22 +44,13 @@ def forward_steps(
             turn[2, 2] = -shank_x * c
 
 
-@compiled('void(f8[:, ::1], f8[::1], f8, f8, f8, f8, f8[:, :, ::1], f8[:, :, ::1])')
-def inverse_steps(
-    legs: Floats,
-    front: Floats,
-    thigh: float,
-    shank: float,
-    nearest: float,
-    farthest: float,
-    feet: Floats,
-    angles: Floats,
-) -> None:
+@compiled('void(f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1])')
+def inverse_steps(legs: Floats, lengths: Floats, feet: Floats, angles: Floats) -> None:
     """Write joint angles, rad [N, 4, 3], for feet at places in the base's frame, m [N, 4, 3].
 
-    legs: as of `forward_steps`; front [4]: 1 for front legs, −1 for hind ones; nearest, farthest:
-    reach of a leg, m.
+    legs, lengths: as of `forward_steps`.
     """
+    thigh, shank, nearest, farthest = lengths
     for n in range(len(feet)):
         for leg in range(4):
             aside = legs[4, leg]
@@ -69,7 +62,7 @@ def inverse_steps(
             x = x - legs[3, leg]
             reach = min(max(hypot(x, drop), nearest), farthest)
             fold = (reach * reach - thigh * thigh - shank * shank) / (2.0 * thigh * shank)
-            knee = -front[leg] * acos(fold)
+            knee = -legs[6, leg] * acos(fold)
             low = atan2(shank * sin(knee), thigh + shank * cos(knee))
             angles[n, leg, 0] = (haa + pi) % (2.0 * pi) - pi
             angles[n, leg, 1] = atan2(-x, -drop) - low
@@ -105,30 +98,19 @@ def weight_steps(
             torque[n, leg, 2] = shank_mass * (shank_x * pull_z - shank_z * pull_x)
 
 
-@compiled(
-    'void(f8[::1], f8, f8, f8[:, ::1], f8[:, :, ::1], f8[::1], f8[::1], f8[::1], f8[::1],'
-    ' f8[:, ::1])'
-)
+@compiled('void(f8[::1], f8[:, ::1], f8[:, :, ::1], f8[::1], f8[:, ::1], f8[:, ::1])')
 def stance_steps(
-    gains: Floats,
-    weight: float,
-    radius: float,
-    feet: Floats,
-    jacobian: Floats,
-    load: Floats,
-    gravity: Floats,
-    spin: Floats,
-    error: Floats,
-    torque: Floats,
+    gains: Floats, feet: Floats, jacobian: Floats, load: Floats, body: Floats, torque: Floats
 ) -> None:
     """Write joint torques of stance legs, N·m [4, 3]; see `trot.stance_torque`.
 
-    gains [6]: height, tilt, tilt_rate, velocity, yaw, and the commanded height, m. weight: N;
-    radius: of a foot, m.
+    gains [8]: height, tilt, tilt_rate, velocity, yaw, the commanded height, m, the robot's weight,
+    N, and the radius of a foot, m. body [3, 3]: direction of gravity, spin and velocity error.
     """
     gram, wrench = 1e-3 * np.eye(3), np.empty(3)
     arms = np.stack((np.ones(4), feet[:, 1], -feet[:, 0]))
-    lift, tilt, rate, pace, yaw, height = gains
+    lift, tilt, rate, pace, yaw, height, weight, radius = gains
+    gravity, spin, error = body
     total = load.sum()
     reached = radius - (load * feet[:, 2]).sum() / max(total, 0.1)
     wrench[0] = weight + lift * min(max(height - reached, -0.05), 0.05)
