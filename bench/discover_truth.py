@@ -237,6 +237,6 @@ def recorded(
     watts, _ = power(change)
     truth = Truth({}, motion, seconds, seed, unit, faults or Faults())
     volts = np.broadcast_to(supply, q.shape)
-    data = _measure(truth, run, q, w, tau, watts, volts, winding)
+    data = _measure(truth, run, q, w, tau, watts, volts)
     picked = winding[:: int(RATE / 400)][: len(data.time)] + run.normal(0, 0.3, data.torque.shape)
     return replace(data, temperature=picked.astype(np.float32))

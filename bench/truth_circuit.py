@@ -83,8 +83,8 @@ def record(truth: Truth) -> AlignedDataset:
         position, velocity, torque = _ladder(rng, steps)
     torque = torque * truth.payload
     acceleration = np.gradient(velocity, 1 / RATE, axis=0)
-    power, voltage, winding = _circuit(truth, position, velocity, acceleration, torque)
-    return _measure(truth, rng, position, velocity, torque, power, voltage, winding)
+    power, voltage = _circuit(truth, position, velocity, acceleration, torque)
+    return _measure(truth, rng, position, velocity, torque, power, voltage)
 
 
 def _smooth(values: Floats, seconds: float) -> Floats:
@@ -165,9 +165,8 @@ def _friction(truth: Truth, s: dict[str, Floats], q: Floats, w: Floats, tau: Flo
     return drag + s['cogging'] * ripple
 
 
-def _circuit(
-    truth: Truth, q: Floats, w: Floats, a: Floats, tau: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _circuit(truth: Truth, q: Floats, w: Floats, a: Floats, tau: Floats) -> tuple[Floats, Floats]:
+    """Return power at the meter, W, and voltage, V, of the drives [T, 3]."""
     unit = np.random.default_rng([truth.unit, 11])
     scale = {
         name: TYPICAL[name] * truth.effects.get(name, 0.0) * np.exp(unit.normal(0, 0.08, 3))
@@ -188,7 +187,6 @@ def _circuit(
     supply = 48.0 + 0.6 * np.sin(2 * np.pi * np.arange(len(q)) / RATE / 37.0)[:, None]
     over = np.maximum(np.abs(motor_speed) - 0.75 * supply / constant, 0)
     weak = scale['field_weakening'] * over / (1 + 0.1 * over)
-    winding = np.full(q.shape, 25.0)
     resistance = np.broadcast_to(scale['copper_loss'], q.shape)
     if truth.effects.get('winding_heating', 0.0):
         heat = 0.45 * through**2
@@ -215,7 +213,7 @@ def _circuit(
     power = link + line * (link / terminal) ** 2
     reading = power / supply
     mixed = reading + scale['cross_talk'] * np.roll(reading, 1, axis=1)
-    return mixed * supply, np.broadcast_to(supply, q.shape), winding
+    return mixed * supply, np.broadcast_to(supply, q.shape)
 
 
 def _first_order(values: Floats, seconds: float) -> Floats:
@@ -231,7 +229,6 @@ def _measure(
     tau: Floats,
     power: Floats,
     voltage: Floats,
-    winding: Floats,
 ) -> AlignedDataset:
     faults = truth.faults
     t = np.arange(len(q)) / RATE
