@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from policy_training.evaluation.evaluate import score_walk
 from policy_training.evaluation.measured_walk import idle_power, measure_walk
-from policy_training.evaluation.tasks import TASKS
+from policy_training.evaluation.tasks import TASKS, Task
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
@@ -58,27 +58,26 @@ def plants() -> Mapping[str, Plant]:
     }
 
 
-Walks = Mapping[tuple[str, str, int], dict[str, Any]]
+Walks = Mapping[str, Mapping[tuple[str, int], dict[str, Any]]]  # by policy, then task and seed
 
 
 def measure(plant: Plant, policies: tuple[str, ...], seconds: float, seeds: list[int]) -> Walks:
-    """Simulate walks of `seconds` on a plant; return scores by (policy, task, seed)."""
+    """Simulate walks of `seconds` on a plant and score them."""
     idle = idle_power(plant)
+
+    def scored(policy: str, task: Task, seed: int) -> dict[str, Any]:
+        walk = measure_walk(policy, task, plant, duration=seconds, seed=seed)
+        return score_walk(walk, idle, {})
+
     return {
-        (policy, task.name, seed): score_walk(
-            measure_walk(policy, task, plant, duration=seconds, seed=seed), idle, {}
-        )
+        policy: {(task.name, seed): scored(policy, task, seed) for task in TASKS for seed in seeds}
         for policy in policies
-        for task in TASKS
-        for seed in seeds
     }
 
 
 def row(name: str, found: Walks, policies: tuple[str, ...]) -> str:
     """Return a line of the table: changes in per cent by task, shares, and speeds."""
-    first, second = (
-        {key[1:]: entry for key, entry in found.items() if key[0] == policy} for policy in policies
-    )
+    first, second = (found[policy] for policy in policies)
     pairs = {key: (first[key], second[key]) for key in first if walks(first[key], second[key])}
     cells = []
     for task in TASKS:

@@ -103,10 +103,7 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=90.0)
     parser.add_argument('--json', type=Path)
     options = parser.parse_args()
-    results: dict[str, dict[str, list[Row]]] = {
-        'known': defaultdict(list),
-        'chosen': defaultdict(list),
-    }
+    results = {how: defaultdict[str, list[Row]](list) for how in ('known', 'chosen')}
     for case in cases(options.count, options.held_out, options.seconds, 9000):
         found = record(case)
         judge = Judge(Loaded.of(found.data))

@@ -93,9 +93,9 @@ def _backlash(p: Plant) -> Change:
     state, out = np.zeros(3), np.empty_like(p.q)
     step = p.w / RATE / lost
     for i, now in enumerate(step):
-        state = np.clip(state + now * (1 - state * np.sign(now)) ** 1, -1, 1)
+        state = np.clip(state + now * (1 - state * np.sign(now)), -1, 1)
         out[i] = state
-    return Change(drag=p.unit.uniform(4.0, 7.0) * (_sign(p.w) - out) * 0.5 * -1.0)
+    return Change(drag=p.unit.uniform(4.0, 7.0) * (out - _sign(p.w)) * 0.5)
 
 
 def _cable(p: Plant) -> Change:
@@ -237,6 +237,6 @@ def recorded(
     watts, _ = power(change)
     truth = Truth({}, motion, seconds, seed, unit, faults or Faults())
     volts = np.broadcast_to(supply, q.shape)
-    data = _measure(truth, run, q, w, tau, watts, volts, winding)
+    data = _measure(truth, run, q, w, tau, watts, volts)
     picked = winding[:: int(RATE / 400)][: len(data.time)] + run.normal(0, 0.3, data.torque.shape)
     return replace(data, temperature=picked.astype(np.float32))

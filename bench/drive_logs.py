@@ -338,9 +338,9 @@ def _fitting(log: DriveLog, data: AlignedDataset) -> list[tuple[str, float]]:
             continue
         if name == 'load_friction' and data.motor_torque:
             continue
-        if name in ('line', 'blocked', 'half_blocked') and is_whole(data):
-            continue
         whole = name in ('blocked', 'half_blocked')
+        if (whole or name == 'line') and is_whole(data):
+            continue
         power = added_power(name, data, 0.05)
         if not np.isfinite(power).any() or rms(power) < 0.005 * rms(metered(data)):
             continue

@@ -4,8 +4,9 @@ A judge is a function (AlignedDataset, effects of the base model, window in s ov
 judged) -> Judgement; the benchmark takes any by `--judge module:function`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from power_estimator.effects import builtin_catalogue
@@ -19,16 +20,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 LEVELS = (0.5, 0.8, 0.95)
 
 
-@dataclass(frozen=True)
-class Statement:
-    """Claim that an effect, or an error of the measurement, is missing from the model."""
-
-    effect: str  # of the catalogue, or torque_scale, power_gain, current_offset, torque_bias
-    probability: float
-
-
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """Claim that a coefficient of a drive lies between two values."""
 
     drive: str
@@ -40,10 +32,14 @@ class Interval:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Everything that a judge says of a recording; effects not named have probability 0."""
+    """Everything that a judge says of a recording.
 
-    statements: tuple[Statement, ...] = ()
-    intervals: tuple[Interval, ...] = ()
+    statements: probabilities that the model lacks an effect of the catalogue, or an error of the
+    measurement (torque_scale, power_gain, current_offset, torque_bias); 0 for those not named.
+    """
+
+    statements: Mapping[str, float]
+    intervals: Sequence[Interval]
     words: str = ''  # verdict, for the reader
 
 
@@ -67,15 +63,14 @@ def diagnosed(data: AlignedDataset, known: Sequence[str], window: float = 0.0) -
     actives = [Active.of(catalogue[name]) for name in known]
     actives = [active for active in actives if active.effect.usable(prepared.signals)]
     found = judged_effects(prepared, given.structure(actives).actives, catalogue)
-    statements = {**found.probability, **found.scales}
     named = ' '.join(sorted(active.name for active in found.named))
     return Judgement(
-        tuple(Statement(name, chance) for name, chance in statements.items()),
-        tuple(
+        {**found.probability, **found.scales},
+        [
             interval
             for name, one in zip(prepared.names, found.meters, strict=True)
             for interval in _intervals(name, one)
-        ),
+        ],
         named or 'nothing named',
     )
 

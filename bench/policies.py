@@ -30,25 +30,26 @@ WINDOWED = 64  # robots whose windows are timed; the cost is proportional to the
 
 
 class Variant:
-    """One way to train, with the wall and CPU times of its rounds, s."""
+    """One way to train, with the wall and the CPU time of each of its rounds, s."""
 
     def __init__(self, name: str, power: PowerSource | None, config: TrainingConfig) -> None:
         self.name = name
         self.steps = config.physics.environments * config.ppo.steps
         self.learner = Learner(config, WalkingEnvironment(config, power=power))
-        self.wall: list[float] = []
-        self.cpu: list[float] = []
+        self.times: list[tuple[float, float]] = []
 
     def round(self) -> None:
         """Run one round (collect and learn) and record its times."""
         ends = self.learner.iteration + 1
-        wall, cpu = seconds_of(lambda: self.learner.run(ends, lambda done: None))
-        self.wall.append(wall)
-        self.cpu.append(cpu)
+        self.times.append(seconds_of(lambda: self.learner.run(ends, lambda done: None)))
 
-    def rate(self) -> float:
-        """Return policy steps per second of wall time in the median round."""
-        return self.steps / float(np.median(self.wall))
+    def row(self, base: 'Variant') -> None:
+        """Print the line of this variant in the table, against one without power."""
+        wall, cpu = (float(value) for value in np.median(self.times, axis=0))
+        # rounds run in turns, so ratios are taken round by round
+        ratios = np.median(np.divide(self.times, base.times), axis=0).tolist()
+        goal = f'{RATE:,.0f}/s' if self is base else f'≤ {SLOWER} ×'
+        row(self.name, self.steps / wall, 1e6 * cpu / self.steps, *ratios, goal)
 
 
 def row(name: str, rate: float, each: float, slower: float, costlier: float, goal: str) -> None:
@@ -82,13 +83,10 @@ def main() -> int:
         for units in {options.units, 100}:
             (Path(temporary) / str(units)).mkdir()
             network(units).save(Path(temporary) / str(units) / FILE)
-        variants = [
-            Variant('without power', None, config),
-            Variant(
-                f'power by LSTM{options.units}, carried', PredictedPower.load(spec, count), config
-            ),
-            Variant('power by LSTM100, carried', PredictedPower.load(teacher, count), config),
-        ]
+        variants = [Variant('without power', None, config)]
+        for units, model in ((options.units, spec), (100, teacher)):
+            power = PredictedPower.load(model, count)
+            variants.append(Variant(f'power by LSTM{units}, carried', power, config))
         for _ in range(options.rounds):
             for variant in variants:
                 variant.round()
@@ -101,24 +99,17 @@ def main() -> int:
                 bank.reset()
                 bank.run(history)
 
-        part = seconds_of(as_in_the_paper)
-        window = tuple(seconds * count / some for seconds in part)
+        window = np.multiply(seconds_of(as_in_the_paper), count / some)
     base = variants[0]
     print(
         f'{count} robots, {cores} threads, load {os.getloadavg()[0]:.1f}, {options.rounds} rounds'
     )
     print(f'{"":<34}{"steps/s":>10}{"CPU µs":>8}{"wall ×":>8}{"CPU ×":>8}{"goal":>11}')
     for variant in variants:
-        # rounds run in turns, so ratios are taken round by round
-        slower = np.median(np.array(variant.wall) / np.array(base.wall))
-        costlier = np.median(np.array(variant.cpu) / np.array(base.cpu))
-        first = variant is base
-        goal = f'{RATE:,.0f}/s' if first else f'≤ {SLOWER} ×'
-        each = 1e6 * float(np.median(variant.cpu)) / variant.steps
-        row(variant.name, variant.rate(), each, float(slower), float(costlier), goal)
-    alone = np.median(base.wall) / config.ppo.steps, np.median(base.cpu) / config.ppo.steps
-    wall, cpu = (float(a + w) for a, w in zip(alone, window, strict=True))
-    ratios = wall / alone[0], cpu / alone[1]
+        variant.row(base)
+    alone = np.median(base.times, axis=0) / config.ppo.steps
+    wall, cpu = (alone + window).tolist()
+    ratios = ((alone + window) / alone).tolist()
     row('as in the paper: 0.3 s windows', count / wall, 1e6 * cpu / count, *ratios, '(5 ×)')
     return 0
 

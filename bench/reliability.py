@@ -237,10 +237,7 @@ def answer(question: Question, judge: str) -> dict[str, Any]:
             start = time.monotonic()
             said = resolve_name(judge)(sealed.data, sealed.known, sealed.window)
             row['seconds_taken'] = round(time.monotonic() - start, 1)
-        row['statements'] = [[one.effect, one.probability] for one in said.statements]
-        row['intervals'] = [
-            [one.drive, one.coefficient, one.level, one.low, one.high] for one in said.intervals
-        ]
+        row |= {'statements': list(said.statements.items()), 'intervals': list(said.intervals)}
         row['words'] = said.words
     except Exception as error:  # one broken recording must not end the benchmark
         row['error'] = f'{type(error).__name__}: {error}'

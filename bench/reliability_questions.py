@@ -111,8 +111,7 @@ class OfPlant:
             wrong.add('magnet_heating')
         at = 'k' if 'winding_heating' in found.known else 'k_warm'
         coefficients = {
-            name: {**truth.coefficients, 'k': truth.coefficients[at]}
-            for name, truth in found.drives.items()
+            name: {**truth, 'k': truth[at]} for name, truth in found.coefficients.items()
         }
         watts, apart = (hidden_watts(self.case, apart=one) for one in (False, True))
         shown = SPIKE * float(np.sqrt(np.mean(np.square(found.power))))  # less counts as absent

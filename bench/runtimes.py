@@ -5,7 +5,7 @@ import os
 import socket
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,11 +15,11 @@ VARIABLE = 'WATTWALK_ROS_SETUP'
 BUILT = Path(__file__).resolve().parents[1] / '.ros' / 'setup.sh'
 
 
-def missing(environment: Mapping[str, str] = os.environ) -> str:
+def missing() -> str:
     """Return the reason why the two runtimes cannot be run together; '' if they can."""
     if find_spec('rosidl_embedded') is None:
         return 'this Python has no embedded runtime: run it from .venv, without ROS 2 sourced'
-    setup = environment.get(VARIABLE)
+    setup = os.environ.get(VARIABLE)
     if setup is None and not BUILT.is_file():
         return f'no ROS 2: run `make build-ros`, or name a setup file in {VARIABLE}'
     if setup is not None and not Path(setup).is_file():

@@ -136,7 +136,7 @@ def account(
     for why, numbers in withheld.items():
         fate[np.asarray(numbers, np.int64)] = _WITHHELD
         found.rows[why] = len(numbers)
-    entered = _enter(bags, fate)
+    entries = _enter(bags, fate)
     on_wire = measured - sum(found.rows.values())
     found.rows['lost on the wire'] = on_wire - counters.received
     found.rows['stamps not trusted yet'] = counters.unsettled
@@ -146,7 +146,6 @@ def account(
         # Stamps are not trusted when a device is first heard, which is when the first bag begins.
         first = at_ends[0]
         first[UNMATCHED] = max(first.get(UNMATCHED, 0) - counters.unsettled, 0)
-    _close(found, fate, bags, at_ends)
     found.checks = [
         Check(
             'measured = received + lost, by the counters of the DAQ',
@@ -158,11 +157,9 @@ def account(
             counters.received,
             counters.published + counters.unsettled + counters.dropped,
         ),
-        *_common(found, entered),
-        *_within(bags, at_ends, np.asarray(times)),
-        *_by_sequence(bags),
-        *_by_recorder(bags),
+        *entries,
     ]
+    _close(found, fate, bags, at_ends, np.asarray(times))
     return found
 
 
@@ -177,7 +174,7 @@ def supply_account(
     measured = len(times)
     found = Account('supply', measured)
     fate = np.full(measured, _OPEN, np.int8)
-    entered = _enter(bags, fate)
+    entries = _enter(bags, fate)
     never = measured - readings
     found.rows['answered, and the line was cut'] = never
     at_ends = _at_ends(bags, fate)
@@ -187,13 +184,9 @@ def supply_account(
         for reason, count in end.items():
             end[reason] = count - min(elsewhere, count)
             elsewhere -= count - end[reason]
-    _close(found, fate, bags, at_ends)
-    found.checks = [
-        Check('answers cut, and what may have cut them', never, excuses, at_most=True),
-        *_common(found, entered),
-        *_within(bags, at_ends, np.asarray(times)),
-        *_by_recorder(bags),
-    ]
+    cut = Check('answers cut, and what may have cut them', never, excuses, at_most=True)
+    found.checks = [cut, *entries]
+    _close(found, fate, bags, at_ends, np.asarray(times))
     return found
 
 
@@ -202,22 +195,20 @@ def _close(
     fate: NDArray[np.int8],
     bags: Sequence[BagRows],
     at_ends: Sequence[Mapping[str, int]],
+    times: Floats,
 ) -> None:
-    """Enter what is recorded, and what is missing at the ends of bags."""
+    """Enter what is recorded, and what is missing at the ends of bags; add the checks of both."""
     for part in at_ends:
         for reason, count in part.items():
             found.rows[reason] = found.rows.get(reason, 0) + count
     found.recorded = int(np.count_nonzero(fate == _RECORDED))
     found.left_out = sum(len(bag.numbers) - bag.kept for bag in bags)
-
-
-def _common(found: Account, entered: tuple[int, int]) -> list[Check]:
-    """Checks of any stream; entered: rows with impossible numbers, and with one that was there."""
-    return [
+    found.checks += [
         Check('missing inside of bags, counted by no node', found.unaccounted, 0),
         Check('rows below zero', sum(count < 0 for count in found.rows.values()), 0),
-        Check('rows with a number that was never measured, or withheld', entered[0], 0),
-        Check('rows with a number that is there already', entered[1], 0),
+        *_within(bags, at_ends, times),
+        *_by_sequence(bags),
+        *_by_recorder(bags),
     ]
 
 
@@ -241,8 +232,8 @@ def _within(
     return list(worst.values())
 
 
-def _enter(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> tuple[int, int]:
-    """Mark what is recorded; rows with impossible numbers, and with one that was there."""
+def _enter(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> list[Check]:
+    """Mark what is recorded; check for rows with impossible numbers, and that were there."""
     strange = twice = 0
     for bag in bags:
         good = (bag.numbers >= 0) & (bag.numbers < len(fate))
@@ -252,7 +243,10 @@ def _enter(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> tuple[int, int]:
         strange += int(np.count_nonzero(fate[numbers] == _WITHHELD))
         twice += int(np.count_nonzero(fate[numbers] == _RECORDED))
         fate[numbers] = _RECORDED
-    return strange, twice
+    return [
+        Check('rows with a number that was never measured, or withheld', strange, 0),
+        Check('rows with a number that is there already', twice, 0),
+    ]
 
 
 def _inside(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> int:

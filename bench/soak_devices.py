@@ -3,7 +3,6 @@
 import re
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -216,9 +215,7 @@ def rows(
     begun, ended: counts of the devices by stream; how: as of `BagRows`; said: the recorder's
     output.
     """
-    raw = _raw(path)
-    kept = _kept(path)
-    lost = told_lost(said)
+    raw, kept, lost = _raw(path), _kept(path), told_lost(said)
     found = {}
     for stream, topic in STREAMS.items():
         samples = raw.get(topic)
@@ -264,8 +261,7 @@ def _raw(path: Path) -> dict[str, Samples]:
             if name not in columns:
                 columns[name] = Columns(name, kind.type_name, kind.paths)
             columns[name].add(batch)
-    build: dict[str, Callable[[Columns], Samples]] = {name: KINDS[name].build for name in columns}
-    return {name: build[name](found) for name, found in columns.items() if found.blocks}
+    return {name: KINDS[name].build(found) for name, found in columns.items() if found.blocks}
 
 
 def _kept(path: Path) -> dict[str, int]:

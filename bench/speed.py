@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
@@ -36,11 +36,13 @@ from sim_bridge.sensors.blocks import Instruments
 from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.arrays import Floats
 from wattwalk_core.console import output, print_table
+from wattwalk_core.yaml_file import dump_yaml
 
 TO_BAG, RIGID, LIVE, ALIGNED, IMPORTED = 5.0, 2.0, 0.6, 200.0, 100.0  # goals
 DRIVES = 12
 _RATE = 1000  # Hz of a log
 _ROWS = 20_000
+_UNITS = {'position': 'rad', 'velocity': 'rad/s', 'torque': 'N*m', 'voltage': 'V', 'current': 'A'}
 Row = tuple[str, str, str, str]  # what, reached, goal, ratio
 
 
@@ -138,16 +140,16 @@ def make_csv(path: Path, size: int) -> str:
             table = _signals(rng, first)
             file.write((row * _ROWS) % tuple(table.ravel().tolist()))
             first += _ROWS
-    return """format: import/1
-time: {column: t, unit: s}
-drives:
-  'D*':
-    position: {from: 'pos*', unit: rad}
-    velocity: {from: 'vel*', unit: rad/s}
-    torque: {from: 'torque*', unit: N*m}
-    voltage: {from: 'volt*', unit: V}
-    current: {from: 'amp*', unit: A}
-"""
+    return _map({'column': 't', 'unit': 's'}, 'D*', [f'{name}*' for name in names])
+
+
+def _map(time: dict[str, str], drives: str, columns: Sequence[str]) -> str:
+    """Return an import map as YAML; columns: of the quantities of _UNITS."""
+    signals = {
+        quantity: {'from': column, 'unit': unit}
+        for (quantity, unit), column in zip(_UNITS.items(), columns, strict=True)
+    }
+    return dump_yaml({'format': 'import/1', 'time': time, 'drives': {drives: signals}})
 
 
 def make_bag(path: Path, size: int) -> str:
@@ -162,33 +164,18 @@ def make_bag(path: Path, size: int) -> str:
             table = _signals(rng, first)
             stamps = np.rint(1e18 + table[:, 0] * 1e9).astype(np.int64)
             columns = table[:, 1:].reshape(_ROWS, DRIVES, 5)
-            states = cdr.in_a_list(
-                cdr.joint_state_block(stamps, names, *np.moveaxis(columns[:, :, :3], 2, 0))
-            )
-            watts = cdr.in_a_list(
-                *cdr.drive_supply_blocks(
-                    stamps,
-                    first,
-                    stamps.astype(np.uint64),
-                    names,
-                    columns[:, :, 3],
-                    columns[:, :, 4],
-                )
-            )
+            *motion, voltage, current = np.moveaxis(columns, 2, 0)
+            states = cdr.in_a_list(cdr.joint_state_block(stamps, names, *motion))
+            device = stamps.astype(np.uint64)
+            blocks = cdr.drive_supply_blocks(stamps, first, device, names, voltage, current)
+            watts = cdr.in_a_list(*blocks)
             for stamp, state, watt in zip(stamps.tolist(), states, watts, strict=True):
                 bag.write(joints, stamp, state)
                 bag.write(supply, stamp, watt)
             first += _ROWS
-    return """format: import/1
-time: {stamp: header}
-drives:
-  '*':
-    position: {from: '/joint_states:position[*]', unit: rad}
-    velocity: {from: '/joint_states:velocity[*]', unit: rad/s}
-    torque: {from: '/joint_states:effort[*]', unit: N*m}
-    voltage: {from: '/drive_supply:voltage[*]', unit: V}
-    current: {from: '/drive_supply:current[*]', unit: A}
-"""
+    fields = [f'/joint_states:{name}[*]' for name in ('position', 'velocity', 'effort')]
+    fields += [f'/drive_supply:{name}[*]' for name in ('voltage', 'current')]
+    return _map({'stamp': 'header'}, '*', fields)
 
 
 def imported(folder: Path, megabytes: float) -> Iterator[Row]:

@@ -83,8 +83,8 @@ def record(truth: Truth) -> AlignedDataset:
         position, velocity, torque = _ladder(rng, steps)
     torque = torque * truth.payload
     acceleration = np.gradient(velocity, 1 / RATE, axis=0)
-    power, voltage, winding = _circuit(truth, position, velocity, acceleration, torque)
-    return _measure(truth, rng, position, velocity, torque, power, voltage, winding)
+    power, voltage = _circuit(truth, position, velocity, acceleration, torque)
+    return _measure(truth, rng, position, velocity, torque, power, voltage)
 
 
 def _smooth(values: Floats, seconds: float) -> Floats:
@@ -96,6 +96,12 @@ def _smooth(values: Floats, seconds: float) -> Floats:
     return CubicSpline(known, coarse, axis=0)(np.minimum(places, known[-1]))
 
 
+def _noise(rng: np.random.Generator, steps: int, seconds: float) -> Floats:
+    """Smooth noise of unit size [steps, 3]."""
+    noise = _smooth(rng.standard_normal((steps, 3)), seconds)
+    return noise / noise.std(axis=0)
+
+
 def _walk(
     rng: np.random.Generator, steps: int, usual: float = 1.0
 ) -> tuple[Floats, Floats, Floats]:
@@ -105,8 +111,7 @@ def _walk(
     phase = 2 * np.pi * np.cumsum(pace) / RATE
     stance = 1 / (1 + np.exp(-8 * np.sin(phase)))
     speed = 0.25 + 0.55 * np.abs(command[:, 0])
-    wobble = _smooth(rng.standard_normal((steps, 3)), 0.04)
-    wobble /= wobble.std(axis=0)
+    wobble = _noise(rng, steps, 0.04)
     swing = np.clip(-np.sin(phase), 0, None) ** 1.5
     q = np.empty((steps, 3))
     q[:, 0] = 0.06 * np.sin(phase + 0.4) + 0.16 * command[:, 1] * np.sin(phase)
@@ -116,10 +121,7 @@ def _walk(
     q = _smooth(q, 0.006)
     w = np.gradient(q, 1 / RATE, axis=0)
     a = np.gradient(w, 1 / RATE, axis=0)
-    load = _smooth(rng.standard_normal((steps, 3)), 0.05)
-    load /= load.std(axis=0)
-    push = _smooth(rng.standard_normal((steps, 3)), 0.9)
-    push /= push.std(axis=0)
+    load, push = _noise(rng, steps, 0.05), _noise(rng, steps, 0.9)
     tau = np.empty((steps, 3))
     tau[:, 0] = stance * (12 + 6 * command[:, 1]) - 3 + 3.0 * load[:, 0] + 3 * push[:, 0]
     tau[:, 1] = stance * (8 * np.sin(phase - 0.6) - 4) + 4.5 * load[:, 1] + 4 * push[:, 1]
@@ -136,17 +138,14 @@ def _ladder(rng: np.random.Generator, steps: int) -> tuple[Floats, Floats, Float
     speed = np.empty((count, 3))
     for i in range(0, count, 2):
         speed[i] = rng.choice(speeds, 3)
-        if i + 1 < count:
-            speed[i + 1] = -speed[i]
+        speed[i + 1 : i + 2] = -speed[i]
     load = rng.choice(loads, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
     speed, load = (np.repeat(values, span, axis=0)[:steps] for values in (speed, load))
     w = _smooth(speed, 0.03)
     tau = _smooth(load, 0.05)
     tau += 0.3 * np.gradient(w, 1 / RATE, axis=0)
-    ripple = _smooth(rng.standard_normal((steps, 3)), 0.01)
-    tau += 0.3 * ripple / ripple.std(axis=0)
-    q = np.cumsum(w, axis=0) / RATE
-    return q, w, tau
+    tau += 0.3 * _noise(rng, steps, 0.01)
+    return np.cumsum(w, axis=0) / RATE, w, tau
 
 
 def _friction(truth: Truth, s: dict[str, Floats], q: Floats, w: Floats, tau: Floats) -> Floats:
@@ -166,9 +165,8 @@ def _friction(truth: Truth, s: dict[str, Floats], q: Floats, w: Floats, tau: Flo
     return drag + s['cogging'] * ripple
 
 
-def _circuit(
-    truth: Truth, q: Floats, w: Floats, a: Floats, tau: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _circuit(truth: Truth, q: Floats, w: Floats, a: Floats, tau: Floats) -> tuple[Floats, Floats]:
+    """Return power at the meter, W, and voltage, V, of the drives [T, 3]."""
     unit = np.random.default_rng([truth.unit, 11])
     scale = {
         name: TYPICAL[name] * truth.effects.get(name, 0.0) * np.exp(unit.normal(0, 0.08, 3))
@@ -187,16 +185,12 @@ def _circuit(
     iron_current = iron * motor_speed / (constant * (motor_speed**2 + 1e-6))
     through = current + iron_current
     supply = 48.0 + 0.6 * np.sin(2 * np.pi * np.arange(len(q)) / RATE / 37.0)[:, None]
-    base = 0.75 * supply / constant
-    over = np.maximum(np.abs(motor_speed) - base, 0)
+    over = np.maximum(np.abs(motor_speed) - 0.75 * supply / constant, 0)
     weak = scale['field_weakening'] * over / (1 + 0.1 * over)
-    winding = np.full(q.shape, 25.0)
     resistance = np.broadcast_to(scale['copper_loss'], q.shape)
     if truth.effects.get('winding_heating', 0.0):
         heat = 0.45 * through**2
-        fast = _first_order(heat * 1.1, 45.0)
-        slow = _first_order(heat * 0.8, 400.0)
-        winding = 30.0 + fast + slow
+        winding = 30.0 + _first_order(heat * 1.1, 45.0) + _first_order(heat * 0.8, 400.0)
         resistance = resistance * (1 + scale['winding_heating'] * (winding - 25))
     size = np.sqrt(through**2 + weak**2)
     bridge = volts * through + resistance * size**2
@@ -219,7 +213,7 @@ def _circuit(
     power = link + line * (link / terminal) ** 2
     reading = power / supply
     mixed = reading + scale['cross_talk'] * np.roll(reading, 1, axis=1)
-    return mixed * supply, np.broadcast_to(supply, q.shape), winding
+    return mixed * supply, np.broadcast_to(supply, q.shape)
 
 
 def _first_order(values: Floats, seconds: float) -> Floats:
@@ -235,7 +229,6 @@ def _measure(
     tau: Floats,
     power: Floats,
     voltage: Floats,
-    winding: Floats,
 ) -> AlignedDataset:
     faults = truth.faults
     t = np.arange(len(q)) / RATE
@@ -274,6 +267,5 @@ def _measure(
 def _box(values: Floats) -> Floats:
     """Mean of what falls around each 400 Hz instant (2.5 samples of 1 ms)."""
     kernel = np.array([0.25, 0.5, 1.0, 0.5, 0.25])
-    return lfilter(kernel / kernel.sum(), [1], np.pad(values, ((0, 2), (0, 0)), 'edge'), axis=0)[
-        2:
-    ]
+    padded = np.pad(values, ((0, 2), (0, 0)), 'edge')
+    return lfilter(kernel / kernel.sum(), [1], padded, axis=0)[2:]

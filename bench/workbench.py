@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 import psutil
-from rich.console import Console
-from rich.table import Table
 from sim_bridge.offline.run import run_offline
+from wattwalk_core.console import output, print_table
 from wattwalk_core.processes import ChildProcess
 
 OPENINGS = 5
@@ -85,39 +84,34 @@ def main() -> int:
         walk = Path(place) / 'walk'
         bag = options.bag or run_offline(walk, duration=600.0, seed=5, progress=True)
         size = sum(file.stat().st_size for file in bag.iterdir())
-        table = WorkbenchFigures(f'{bag.name}: {size / 1e6:.0f} MB')
+        rows: list[Cells] = []
         with _bench(Path(place), bag) as (browser, address, process):
-            _first(browser, address, bag, table)
-            page = _again(browser, address, bag, table)
-            _use(page, options.count, table, preview=not options.no_preview)
-            _memory(browser, page, process, table)
-        table.show()
+            _first(browser, address, bag, rows)
+            page = _again(browser, address, bag, rows)
+            _use(page, options.count, rows, preview=not options.no_preview)
+            _memory(browser, page, process, rows)
+    columns = ('what', 'median', 'p99', 'goal', 'of')
+    print_table(output(110), columns, rows, f'{bag.name}: {size / 1e6:.0f} MB')
     return 0
 
 
-class WorkbenchFigures:
-    """Table of measured times and memory with their goals."""
+Cells = tuple[str, str, str, str, str]
 
-    def __init__(self, title: str) -> None:
-        columns = ('what', 'median', 'p99', 'goal', 'of')
-        self._table = Table(*columns, title=title)
 
-    def times(self, name: str, values: Sequence[float], goal: float | None = None) -> None:
-        """Add a row of median and 99th percentile of times in ms."""
-        middle, worst = np.quantile(values, [0.5, 0.99])
-        shown = '' if goal is None else f'{goal:.0f} ms'
-        row = (f'{middle:.0f} ms', f'{worst:.0f} ms', shown, str(len(values)))
-        self._table.add_row(name, *row)
-        print(f'{name}: {row[0]}', file=sys.stderr, flush=True)
+def times(
+    rows: list[Cells], name: str, values: Sequence[float], goal: float | None = None
+) -> None:
+    """Add a row of median and 99th percentile of times in ms, and print it."""
+    middle, worst = np.quantile(values, [0.5, 0.99])
+    shown = '' if goal is None else f'{goal:.0f} ms'
+    rows.append((name, f'{middle:.0f} ms', f'{worst:.0f} ms', shown, str(len(values))))
+    print(f'{name}: {middle:.0f} ms', file=sys.stderr, flush=True)
 
-    def memory(self, name: str, megabytes: float, most: float | None = None) -> None:
-        """Add a row of memory in MB, with its peak `most`."""
-        peak = '' if most is None else f'peak {most:.0f} MB'
-        self._table.add_row(name, f'{megabytes:.0f} MB', peak, '', '')
 
-    def show(self) -> None:
-        """Print the rows."""
-        Console(width=110).print(self._table)
+def memory(rows: list[Cells], name: str, megabytes: float, most: float | None = None) -> None:
+    """Add a row of memory in MB, with its peak `most`."""
+    peak = '' if most is None else f'peak {most:.0f} MB'
+    rows.append((name, f'{megabytes:.0f} MB', peak, '', ''))
 
 
 @contextmanager
@@ -148,35 +142,35 @@ def _page(browser: Any, address: str, bag: Path) -> Any:
     return page
 
 
-def _first(browser: Any, address: str, bag: Path, table: WorkbenchFigures) -> None:
+def _first(browser: Any, address: str, bag: Path, rows: list[Cells]) -> None:
     page = _page(browser, address, bag)
     seen = ['a first look', 'the whole', 'ready', 'the budget', 'its intervals']
     found = page.evaluate(_OPENED, seen)
-    table.times('never read: a first picture, of a part', [found['a first look']], 2000)
-    table.times('never read: the whole', [found['the whole']])
-    table.times('never read: quality checked, ready to fit', [found['ready']])
-    table.times('never read: budget by a model that is chosen', [found['the budget']])
-    table.times('never read: its intervals and levers', [found['its intervals']])
+    times(rows, 'never read: a first picture, of a part', [found['a first look']], 2000)
+    times(rows, 'never read: the whole', [found['the whole']])
+    times(rows, 'never read: quality checked, ready to fit', [found['ready']])
+    times(rows, 'never read: budget by a model that is chosen', [found['the budget']])
+    times(rows, 'never read: its intervals and levers', [found['its intervals']])
     page.context.close()
 
 
-def _again(browser: Any, address: str, bag: Path, table: WorkbenchFigures) -> Any:
+def _again(browser: Any, address: str, bag: Path, rows: list[Cells]) -> Any:
     """Return the last of the pages."""
-    times = []
+    taken = []
     for number in range(OPENINGS):
         page = _page(browser, address, bag)
-        times.append(page.evaluate(_OPENED, ['the whole'])['the whole'])
+        taken.append(page.evaluate(_OPENED, ['the whole'])['the whole'])
         if number < OPENINGS - 1:
             page.context.close()
-    table.times('read before: first picture, of the whole', times, 2000)
+    times(rows, 'read before: first picture, of the whole', taken, 2000)
     return page
 
 
-def _use(page: Any, count: int, table: WorkbenchFigures, *, preview: bool) -> None:
+def _use(page: Any, count: int, rows: list[Cells], *, preview: bool) -> None:
     start = time.perf_counter()
     page.get_by_role('button', name='Fit', exact=True).click()
     page.locator('#plot-map .main-svg').first.wait_for()
-    table.times('fit three effects and compare', [1e3 * (time.perf_counter() - start)])
+    times(rows, 'fit three effects and compare', [1e3 * (time.perf_counter() - start)])
     page.wait_for_timeout(3000)
     rng = np.random.default_rng(0)
     shares = rng.uniform(0.1, 1, (count, 4)).tolist()
@@ -191,31 +185,31 @@ def _use(page: Any, count: int, table: WorkbenchFigures, *, preview: bool) -> No
             page.wait_for_timeout(150)
         return out
 
-    table.times('brush: a box on the map lights the traces', timed(_BOX, boxes), 100)
-    table.times('brush: a span lights the map', timed(_SPAN, spans), 100)
-    table.times('zoom to a span', timed(_ZOOM, spans))
+    times(rows, 'brush: a box on the map lights the traces', timed(_BOX, boxes), 100)
+    times(rows, 'brush: a span lights the map', timed(_SPAN, spans), 100)
+    times(rows, 'zoom to a span', timed(_ZOOM, spans))
     timed(_ZOOM, [[0, seconds]] * count)
-    table.times('brush: a box, the whole in the traces', timed(_BOX, boxes), 100)
+    times(rows, 'brush: a box, the whole in the traces', timed(_BOX, boxes), 100)
     if not preview:
         return
     start = time.perf_counter()
     page.get_by_role('button', name='Find what is missing').click()
     page.locator('#verdict').wait_for()
-    table.times('diagnose', [1e3 * (time.perf_counter() - start)])
+    times(rows, 'diagnose', [1e3 * (time.perf_counter() - start)])
     page.wait_for_timeout(3000)
-    table.times("a candidate's preview", timed(_PREVIEW, range(count)), 300)
+    times(rows, "a candidate's preview", timed(_PREVIEW, range(count)), 300)
 
 
-def _memory(browser: Any, page: Any, process: ChildProcess, table: WorkbenchFigures) -> None:
-    table.memory('memory of the server', *_resident(process.pid))
+def _memory(browser: Any, page: Any, process: ChildProcess, rows: list[Cells]) -> None:
+    memory(rows, 'memory of the server', *_resident(process.pid))
     workers = [_resident(child.pid) for child in psutil.Process(process.pid).children()]
     for own in sorted(workers, reverse=True)[:1]:
-        table.memory('memory of the worker', *own)
+        memory(rows, 'memory of the worker', *own)
     told = browser.new_browser_cdp_session().send('SystemInfo.getProcessInfo')['processInfo']
     tabs = [_resident(one['id']) for one in told if one['type'] == 'renderer']
-    table.memory('memory of the tab', *max(tabs))
+    memory(rows, 'memory of the tab', *max(tabs))
     heap = page.evaluate('() => performance.memory.usedJSHeapSize / 1e6')
-    table.memory('of these, heap of its scripts', heap)
+    memory(rows, 'of these, heap of its scripts', heap)
 
 
 def _resident(pid: int) -> tuple[float, float]:

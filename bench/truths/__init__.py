@@ -6,10 +6,9 @@
     found.data        # AlignedDataset as `power_lab` loads it (unsmoothed, at the joints' rate)
     found.known       # effects of the base model: 'shaft' and all that exists but what is hidden
     found.missing     # effects that a perfect diagnosis names; empty for a null (hidden=())
-    found.drives['LF_KFE'].coefficients   # k, k_warm, inertia, idle, spring, friction_at_1, …
-    found.drives['LF_KFE'].watts          # {part: (mean, rms)} W, which sum to the power
-    found.power, found.parts              # the same over time at 50 Hz, without the meter's errors
-    hidden_watts(found.case)              # W rms that each hidden effect changes the power by
+    found.coefficients['LF_KFE']   # k, k_warm, inertia, idle, spring, friction_at_1, …
+    found.power, found.parts       # W at 50 Hz without the meter's errors; parts sum to the power
+    hidden_watts(found.case)       # W rms that each hidden effect changes the power by
 
 A family (FAMILIES) draws plants; `developed` says whether the lab may be developed on it. Motions
 of a family: `FAMILIES[name].motions`; any of MOTIONS runs with any family. `strength` multiplies
@@ -26,14 +25,13 @@ iron are in it: `known` leaves them out, as nothing of them can be missing.
 
 from truths.families import FAMILIES, UNMODELLED
 from truths.motions import MOTIONS
-from truths.recorded import Case, DriveTruth, Recorded, hidden_watts, record
+from truths.recorded import Case, Recorded, hidden_watts, record
 
 __all__ = [
     'FAMILIES',
     'MOTIONS',
     'UNMODELLED',
     'Case',
-    'DriveTruth',
     'Recorded',
     'hidden_watts',
     'record',

@@ -130,10 +130,7 @@ class Family:
         self, random: Draw, drives: int, hidden: Sequence[str], strength: float = 1.0
     ) -> TruePlant:
         """Draw a plant of D drives in which the hidden effects exist, so many times as large."""
-        own = {'position_rub': 0.06 * self.scale.torque_limit, 'fan': 0.6 * self.scale.idle}
-        own |= {'cross_talk': 0.06}
-        whole = _typical(self.scale) | {'rub': own['position_rub'], 'fan': own['fan']}
-        whole |= {'cross_talk': own['cross_talk'], 'rub_angle': 0.05} | dict(self.change(random))
+        whole = _typical(self.scale) | dict(self.change(random))
         # Its own stream, so that plants of a seed stay as they are.
         whole['cogging_order'] = float(random.spawn(1)[0].choice(_COGS))
         spread = {name: random.lognormal(0.0, self.spread) for name in _SPREAD}
@@ -162,9 +159,13 @@ _SPREAD = (
 
 
 def _typical(scale: Drive) -> dict[str, float]:
-    """Fields of a scale with every effect of the catalogue at its usual size."""
+    """Fields of a scale with every effect at its usual size."""
     values = {name: getattr(scale, name) for name in Drive.__dataclass_fields__}
     return values | {
+        'rub': 0.06 * scale.torque_limit,
+        'rub_angle': 0.05,
+        'fan': 0.6 * scale.idle,
+        'cross_talk': 0.06,
         'stribeck': 0.6 * scale.coulomb,
         'load_friction': 0.08,
         'stiffness': 5.5 * scale.torque_limit,
@@ -270,7 +271,6 @@ _MANY = {
     'winding_heating': 0.5, 'stribeck_friction': 0.4, 'load_friction': 0.6, 'iron_loss': 0.6,
     'inverter_loss': 0.6, 'line_resistance': 0.3, 'regeneration_efficiency': 0.2,
 }  # fmt: skip
-_AT_MOTOR = ('copper_loss', 'idle', 'coulomb_friction', 'viscous_friction', 'rotor_inertia')
 
 FAMILIES: Mapping[str, Family] = {
     'rigid': Family(JOINT, _rigid, stiff, clean, ('walk', 'ladder', 'arm'), _MANY),
@@ -300,7 +300,6 @@ FAMILIES: Mapping[str, Family] = {
         polled,
         ('ladder', 'arm', 'stall', 'hopper'),
         {'winding_heating': 0.6, 'inverter_loss': 0.6, 'iron_loss': 0.5, 'line_resistance': 0.3},
-        _AT_MOTOR,
     ),
     'wheel': Family(
         WHEEL,
@@ -309,7 +308,6 @@ FAMILIES: Mapping[str, Family] = {
         polled,
         ('wheel', 'ladder'),
         {'winding_heating': 0.6, 'inverter_loss': 0.6, 'iron_loss': 0.8, 'line_resistance': 0.3},
-        _AT_MOTOR,
         developed=False,
     ),
     'robot': Family(

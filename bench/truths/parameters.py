@@ -19,7 +19,6 @@ class Drive:
     copper_temperature: float = 0.0039  # 1/K
     inertia: float = 0.07  # kg·m²
     stiffness: float = 0.0  # N·m/rad, 0: rigid
-    damping: float = 0.0  # N·m·s/rad beside the spring
     torque_loop: float = 50.0  # Hz, closed on the deflection
     loop_damping: float = 0.8
     loop_delay: float = 0.0005  # s
@@ -65,7 +64,6 @@ class Drive:
     torque_at_motor: float = 0.0  # 1: torque is computed from the current
     torque_scale: float = 1.0
     torque_bias: float = 0.0  # N·m
-    torque_bend: float = 0.0  # scale error at the limit
     torque_hysteresis: float = 0.0  # N·m, half width
     torque_filter: float = 150.0  # Hz
     encoder_error: float = 0.0  # rad

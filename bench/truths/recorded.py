@@ -44,24 +44,17 @@ class Case:
 
 
 @dataclass(frozen=True)
-class DriveTruth:
-    """True figures of one drive; watts: (mean, rms at 50 Hz) of each part of the power."""
-
-    coefficients: Mapping[str, float]
-    watts: Mapping[str, tuple[float, float]]
-
-
-@dataclass(frozen=True)
 class Recorded:
     """A recording with its truth.
 
-    power: true W at the meter at 50 Hz [P, D]; parts: the same by part [P, D, len(PARTS)].
+    coefficients: by drive and name. power: true W at the meter at 50 Hz [P, D]; parts: the same
+    by part [P, D, len(PARTS)].
     """
 
     case: Case
     plant: TruePlant
     data: AlignedDataset
-    drives: Mapping[str, DriveTruth]
+    coefficients: Mapping[str, Mapping[str, float]]
     power: Singles
     parts: Singles
 
@@ -81,18 +74,11 @@ def record(case: Case) -> Recorded:
     plant = draw(case)
     made = simulate(case, plant)
     data, parts = aligned(case.key, plant, made), made.parts
-    names = data.names
-    drives = {
-        name: DriveTruth(
-            _coefficients(plant.drives[place], parts[:, place], made.state[place]),
-            {
-                part: (float(values.mean()), float(np.sqrt(np.square(values).mean())))
-                for part, values in zip(PARTS, parts[:, place].T.astype(np.float64), strict=True)
-            },
-        )
-        for place, name in enumerate(names)
+    coefficients = {
+        name: _coefficients(plant.drives[place], parts[:, place], made.state[place])
+        for place, name in enumerate(data.names)
     }
-    return Recorded(case, plant, data, drives, made.power, parts)
+    return Recorded(case, plant, data, coefficients, made.power, parts)
 
 
 def hidden_watts(case: Case, *, apart: bool = False) -> dict[str, float]:
@@ -219,8 +205,7 @@ def _instants(
     stamp = even + random.uniform(0, plant.sampling.jitter, count) / rate
     late = delay + np.sort(random.uniform(0, 1, len(plant.drives))) * plant.sampling.skew
     at = np.clip(np.rint((stamp + late[:, None]) / STEP), 0, steps - 1).astype(np.int64)
-    at = np.maximum.accumulate(at + 0, axis=1)
-    return stamp, at
+    return stamp, np.maximum.accumulate(at, axis=1)
 
 
 def aligned(name: str, plant: TruePlant, made: Simulated) -> AlignedDataset:

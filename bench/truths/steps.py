@@ -135,8 +135,7 @@ def _sense(p, s, angle, speed, torque, current, volts, amps, keep):  # type: ign
     s.load = torque
     if p.torque_at_motor != 0.0:
         torque = current * p.torque_constant
-    bend = p.torque_bend * abs(torque) / p.torque_limit
-    shown = torque * (p.torque_scale + bend) + p.torque_hysteresis * s.slip + p.torque_bias
+    shown = torque * p.torque_scale + p.torque_hysteresis * s.slip + p.torque_bias
     s.torque = shown + (s.torque - shown) * keep[0]
     wobble = p.encoder_error * p.encoder_order * cos(p.encoder_order * angle + p.phase)
     shown = speed * (1.0 + wobble)
@@ -213,7 +212,7 @@ def run(
             angle = s.angle if elastic else q
             twist = 0.0
             if elastic:
-                twist = p.stiffness * (angle - q) + p.damping * (speed - w)
+                twist = p.stiffness * (angle - q)
                 asked = want + control[d, 1] * (want - twist) - control[d, 2] * (speed - w)
             else:
                 asked = want + p.inertia * a + s.friction

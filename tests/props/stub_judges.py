@@ -1,14 +1,14 @@
 """Judges that need no lab, for the benchmark of reliability."""
 
-from judgements import Interval, Judgement, Statement
+from judgements import Interval, Judgement
 
 
 def omniscient(data, known, window=0.0):
     """Say nothing but one thing that is always false."""
     truth = 8.2
     return Judgement(
-        (Statement('field_weakening', 0.96),),
-        (Interval(data.names[0], 'idle', 0.95, truth / 2, truth * 2),),
+        {'field_weakening': 0.96},
+        [Interval(data.names[0], 'idle', 0.95, truth / 2, truth * 2)],
         'never at a loss',
     )
 

@@ -42,17 +42,17 @@ class Meter:
 def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
     environment = WalkingEnvironment(tiny.with_values(QUIET))
     random = np.random.default_rng(0)
-    layers = [
-        (torch.from_numpy(random.normal(0, 0.1, shape).astype(np.float32)), torch.zeros(shape[0]))
-        for shape in ((16, 48), (12, 16))
-    ]
-    export_policy(tmp_path / 'p', layers, tiny, environment.observation, {})
+    first, last = (
+        random.normal(0, 0.1, shape).astype(np.float32) for shape in ((16, 48), (12, 16))
+    )
+    tensors = {'layer0.weight': first, 'layer0.bias': np.zeros(16, np.float32)}
+    tensors |= {'layer1.weight': last, 'layer1.bias': np.zeros(12, np.float32)}
+    export_policy(tmp_path / 'p', tensors, tiny, environment.observation, {})
     policy = LearnedPolicy.load(tmp_path / 'p')
     policy.take_over()
-    (first, _), (last, _) = layers
     for index in range(4):
-        observation = torch.from_numpy(environment.observe())
-        action = (torch.nn.functional.elu(observation @ first.T) @ last.T).numpy()
+        seen = torch.from_numpy(environment.observe() @ first.T)
+        action = torch.nn.functional.elu(seen).numpy() @ last.T
         motion, inputs = environment.motion, Inputs()
         inputs.position, inputs.velocity = motion.position[2], motion.joint_velocity[2]
         inputs.gravity, inputs.spin = motion.gravity[2], motion.rate[2]

@@ -27,14 +27,13 @@ _ASIDE: Final = (THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + FOOT_IN_SHANK[1]) * LEFT
 _THIGH: Final = -SHANK_IN_THIGH[2]
 _SHANK: Final = float(np.hypot(FOOT_IN_SHANK[0], FOOT_IN_SHANK[2]))
 _BEND: Final = -FRONT * float(np.arctan2(FOOT_IN_SHANK[0], -FOOT_IN_SHANK[2]))
-_REACH: Final = (abs(_THIGH - _SHANK) + 0.02, _THIGH + _SHANK - 0.005)
 _MOMENT_ASIDE: Final = (
     HIP_MASS * HIP_CENTRE[1] * LEFT
     + THIGH_MASS * ((THIGH_IN_HIP[1] + THIGH_CENTRE[1]) * LEFT)
     + SHANK_MASS * ((THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + SHANK_CENTRE[1]) * LEFT)
 )
-_LEGS: Final = np.ascontiguousarray(np.vstack([_HIP.T, _AHEAD, _ASIDE, _BEND]))
-_FRONT: Final = np.array(FRONT, np.float64)
+_LEGS: Final = np.ascontiguousarray(np.vstack([_HIP.T, _AHEAD, _ASIDE, _BEND, FRONT]))
+_LENGTHS: Final = np.array([_THIGH, _SHANK, abs(_THIGH - _SHANK) + 0.02, _THIGH + _SHANK - 0.005])
 _WEIGHTS: Final = np.ascontiguousarray(np.vstack([_MOMENT_ASIDE, SHANK_CENTRE[0] * FRONT]))
 _MASSES: Final = np.array(
     [THIGH_MASS, SHANK_MASS, _THIGH, -THIGH_CENTRE[2] / _THIGH, SHANK_CENTRE[2]]
@@ -62,7 +61,7 @@ def forward(position: Floats) -> LegState:
     angles = np.reshape(position, (*np.shape(position)[:-1], 4, 3))
     flat = np.array(angles, np.float64, order='C').reshape(-1, 4, 3)
     feet, jacobian = np.empty(flat.shape), np.empty((*flat.shape, 3))
-    forward_steps(_LEGS, _THIGH, _SHANK, flat, feet, jacobian)
+    forward_steps(_LEGS, _LENGTHS, flat, feet, jacobian)
     shape = angles.shape
     return LegState(angles, feet.reshape(shape), jacobian.reshape((*shape, 3)))
 
@@ -76,7 +75,7 @@ def inverse(feet: Floats) -> Floats:
 
     places = np.ascontiguousarray(feet, np.float64).reshape(-1, 4, 3)
     angles = np.empty(places.shape)
-    inverse_steps(_LEGS, _FRONT, _THIGH, _SHANK, *_REACH, places, angles)
+    inverse_steps(_LEGS, _LENGTHS, places, angles)
     return angles.reshape(np.shape(feet))
 
 

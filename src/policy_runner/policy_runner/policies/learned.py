@@ -32,10 +32,9 @@ class Perceptron:
     """Perceptron of the layers `layer0`, `layer1`, … of a policy folder; the last is linear."""
 
     def __init__(self, tensors: Mapping[str, Singles], activation: str) -> None:
-        count = sum(name.endswith('.weight') for name in tensors)
         self._layers = [
             (np.ascontiguousarray(tensors[f'layer{i}.weight'].T), tensors[f'layer{i}.bias'])
-            for i in range(count)
+            for i in range(len(tensors) // 2)
         ]
         self._activate = _FUNCTIONS[activation]
 
@@ -161,8 +160,7 @@ class LearnedPolicy:
 
     def reset(self) -> None:
         """Reset; the next step begins to stand up from the measured pose."""
-        self._began: float | None = None
-        self._first: Floats | None = None
+        self._start: tuple[float, Floats] | None = None  # s, and the pose, rad [12]
         self._due = -np.inf
         self._acted: float | None = None
         self._targets = np.zeros(12)
@@ -183,12 +181,12 @@ class LearnedPolicy:
         """Return joint targets, rad [12]; command: m/s, m/s, rad/s [3]."""
         estimate = self._velocity.update(time, inputs)
         velocity = estimate if base_velocity is None else base_velocity
-        if self._began is None or self._first is None:
-            self._began, self._first = time, inputs.position.copy()
-        elapsed = time - self._began
+        if self._start is None:
+            self._start = time, inputs.position.copy()
+        elapsed, first = time - self._start[0], self._start[1]
         if self._standing_up and elapsed < self.ramp:
             share = 0.5 - 0.5 * np.cos(np.pi * min(elapsed / (0.8 * self.ramp), 1.0))
-            return self._first + share * (self._in_robot_order(self._pose) - self._first)
+            return first + share * (self._in_robot_order(self._pose) - first)
         if time >= self._due - _EARLY / self.rate:
             late = time - self._due > 1.0 / self.rate
             self._due = time + 1.0 / self.rate if late else self._due + 1.0 / self.rate

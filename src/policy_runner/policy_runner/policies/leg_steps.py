@@ -11,14 +11,16 @@ _FOOT_FORCE_LIMIT: Final = 500.0  # N, normal, of one foot
 _PUSH_LIMIT: Final = 120.0  # N, horizontal, of all feet
 
 
-@compiled('void(f8[:, ::1], f8, f8, f8[:, :, ::1], f8[:, :, ::1], f8[:, :, :, ::1])')
+@compiled('void(f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, :, :, ::1])')
 def forward_steps(
-    legs: Floats, thigh: float, shank: float, angles: Floats, feet: Floats, jacobian: Floats
+    legs: Floats, lengths: Floats, angles: Floats, feet: Floats, jacobian: Floats
 ) -> None:
     """Write feet, m [N, 4, 3], and Jacobians, m/rad [N, 4, 3, 3], at angles, rad [N, 4, 3].
 
-    legs [6, 4]: hip x, y and z, offset ahead and aside, m, bend of the shank, rad.
+    legs [7, 4]: hip x, y and z, offset ahead and aside, m, bend of the shank, rad, and 1 for front
+    legs, −1 for hind ones. lengths: of thigh and shank, nearest and farthest reach of a leg, m.
     """
+    thigh, shank = lengths[0], lengths[1]
     for n in range(len(angles)):
         for leg in range(4):
             haa, hfe, kfe = angles[n, leg]
@@ -42,22 +44,13 @@ def forward_steps(
             turn[2, 2] = -shank_x * c
 
 
-@compiled('void(f8[:, ::1], f8[::1], f8, f8, f8, f8, f8[:, :, ::1], f8[:, :, ::1])')
-def inverse_steps(
-    legs: Floats,
-    front: Floats,
-    thigh: float,
-    shank: float,
-    nearest: float,
-    farthest: float,
-    feet: Floats,
-    angles: Floats,
-) -> None:
+@compiled('void(f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1])')
+def inverse_steps(legs: Floats, lengths: Floats, feet: Floats, angles: Floats) -> None:
     """Write joint angles, rad [N, 4, 3], for feet at places in the base's frame, m [N, 4, 3].
 
-    legs: as of `forward_steps`; front [4]: 1 for front legs, −1 for hind ones; nearest, farthest:
-    reach of a leg, m.
+    legs, lengths: as of `forward_steps`.
     """
+    thigh, shank, nearest, farthest = lengths
     for n in range(len(feet)):
         for leg in range(4):
             aside = legs[4, leg]
@@ -69,7 +62,7 @@ def inverse_steps(
             x = x - legs[3, leg]
             reach = min(max(hypot(x, drop), nearest), farthest)
             fold = (reach * reach - thigh * thigh - shank * shank) / (2.0 * thigh * shank)
-            knee = -front[leg] * acos(fold)
+            knee = -legs[6, leg] * acos(fold)
             low = atan2(shank * sin(knee), thigh + shank * cos(knee))
             angles[n, leg, 0] = (haa + pi) % (2.0 * pi) - pi
             angles[n, leg, 1] = atan2(-x, -drop) - low
@@ -105,72 +98,48 @@ def weight_steps(
             torque[n, leg, 2] = shank_mass * (shank_x * pull_z - shank_z * pull_x)
 
 
-@compiled(
-    'void(f8[::1], f8, f8, f8[:, ::1], f8[:, :, ::1], f8[::1], f8[::1], f8[::1], f8[::1],'
-    ' f8[:, ::1])'
-)
+@compiled('void(f8[::1], f8[:, ::1], f8[:, :, ::1], f8[::1], f8[:, ::1], f8[:, ::1])')
 def stance_steps(
-    gains: Floats,
-    weight: float,
-    radius: float,
-    feet: Floats,
-    jacobian: Floats,
-    load: Floats,
-    gravity: Floats,
-    spin: Floats,
-    error: Floats,
-    torque: Floats,
+    gains: Floats, feet: Floats, jacobian: Floats, load: Floats, body: Floats, torque: Floats
 ) -> None:
     """Write joint torques of stance legs, N·m [4, 3]; see `trot.stance_torque`.
 
-    gains [6]: height, tilt, tilt_rate, velocity, yaw, and the commanded height, m. weight: N;
-    radius: of a foot, m.
+    gains [8]: height, tilt, tilt_rate, velocity, yaw, the commanded height, m, the robot's weight,
+    N, and the radius of a foot, m. body [3, 3]: direction of gravity, spin and velocity error.
     """
-    gram, wrench, arms = np.empty((3, 3)), np.empty(3), np.empty((4, 3))
-    normal, push = np.empty(4), np.empty(2)
-    lift, tilt, rate, pace, yaw, height = gains
+    gram, wrench = 1e-3 * np.eye(3), np.empty(3)
+    arms = np.stack((np.ones(4), feet[:, 1], -feet[:, 0]))
+    lift, tilt, rate, pace, yaw, height, weight, radius = gains
+    gravity, spin, error = body
     total = load.sum()
-    bearing = total >= 0.1
     reached = radius - (load * feet[:, 2]).sum() / max(total, 0.1)
     wrench[0] = weight + lift * min(max(height - reached, -0.05), 0.05)
     wrench[1] = tilt * gravity[1] - rate * spin[0]
     wrench[2] = -tilt * gravity[0] - rate * spin[1]
-    for leg in range(4):
-        arms[leg, 0], arms[leg, 1] = 1.0, feet[leg, 1]
-        arms[leg, 2] = -feet[leg, 0]
     for i in range(3):
         for j in range(3):
-            gram[i, j] = 1e-3 if i == j else 0.0
             for leg in range(4):
-                gram[i, j] += load[leg] * arms[leg, i] * arms[leg, j]
+                gram[i, j] += load[leg] * arms[i, leg] * arms[j, leg]
     for i in range(3):  # positive definite: Gauss elimination needs no pivots
         for row in range(i + 1, 3):
             share = gram[row, i] / gram[i, i]
-            for j in range(i, 3):
-                gram[row, j] -= share * gram[i, j]
+            gram[row, i:] -= share * gram[i, i:]
             wrench[row] -= share * wrench[i]
-    for back in range(3):
-        i = 2 - back
+    for i in (2, 1, 0):
         for j in range(i + 1, 3):
             wrench[i] -= gram[i, j] * wrench[j]
         wrench[i] /= gram[i, i]
-    for leg in range(4):
-        value = 0.0
-        for i in range(3):
-            value += load[leg] * arms[leg, i] * wrench[i]
-        normal[leg] = min(max(value, 0.0), _FOOT_FORCE_LIMIT) if bearing else 0.0
-    carried = max(normal.sum(), 50.0)
-    for i in range(2):
-        push[i] = min(max(pace * error[i], -_PUSH_LIMIT), _PUSH_LIMIT)
+    normal = load * arms[0] * wrench[0] + load * arms[1] * wrench[1] + load * arms[2] * wrench[2]
+    normal = np.minimum(np.maximum(normal, 0.0), _FOOT_FORCE_LIMIT if total >= 0.1 else 0.0)
+    part = normal / max(normal.sum(), 50.0)
+    push = np.minimum(np.maximum(pace * error, -_PUSH_LIMIT), _PUSH_LIMIT)
     inertia = 1e-3
     for leg in range(4):
-        x, y = feet[leg, 0], feet[leg, 1]
-        inertia += normal[leg] / carried * (x * x + y * y)
+        inertia += part[leg] * (feet[leg, 0] ** 2 + feet[leg, 1] ** 2)
     twist = yaw * error[2] / inertia
     for leg in range(4):
-        part = normal[leg] / carried
-        x_force = part * (push[0] - twist * feet[leg, 1]) - gravity[0] * normal[leg]
-        y_force = part * (push[1] + twist * feet[leg, 0]) - gravity[1] * normal[leg]
+        x_force = part[leg] * (push[0] - twist * feet[leg, 1]) - gravity[0] * normal[leg]
+        y_force = part[leg] * (push[1] + twist * feet[leg, 0]) - gravity[1] * normal[leg]
         z_force = -gravity[2] * normal[leg]
         for i in range(3):
             turn = jacobian[leg, :, i]

@@ -108,20 +108,11 @@ def stance_torque(
     """
     from policy_runner.policies.leg_steps import stance_steps  # compiled: numba is slow to import
 
-    g = gains
-    torque = np.empty((4, 3))
-    stance_steps(
-        np.array([g.height, g.tilt, g.tilt_rate, g.velocity, g.yaw, height]),
-        ROBOT_MASS * GRAVITY,
-        FOOT_RADIUS,
-        legs.feet,
-        legs.jacobian,
-        np.array(load, np.float64),
-        np.array(gravity, np.float64),
-        np.array(spin, np.float64),
-        np.array(velocity_error, np.float64),
-        torque,
-    )
+    g, weight = gains, ROBOT_MASS * GRAVITY
+    given = [g.height, g.tilt, g.tilt_rate, g.velocity, g.yaw, height, weight, FOOT_RADIUS]
+    body = np.array([gravity, spin, velocity_error], np.float64)
+    bearing, torque = np.array(load, np.float64), np.empty((4, 3))
+    stance_steps(np.array(given), legs.feet, legs.jacobian, bearing, body, torque)
     return torque
 
 

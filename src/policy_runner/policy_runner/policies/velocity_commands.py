@@ -89,26 +89,21 @@ class RandomCommands:
     def __init__(self, seed: int = 0, span: CommandRange = CommandRange()) -> None:
         self._span = span
         self._random = np.random.default_rng(seed)
-        self._starts = [0.0]
-        self._ends = [1.0]
+        self._ends = [1.0]  # s, at each of which another command begins
         self._values = [np.zeros(3)]
 
     def __call__(self, time: float) -> Floats:
         """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""
         while time >= self._ends[-1]:
-            self._append()
+            length = self._span.period * self._random.uniform(0.6, 1.4)
+            self._ends.append(self._ends[-1] + length)
+            self._values.append(self._draw())
         index = int(np.searchsorted(self._ends, time, side='right'))
         value = self._values[index]
         if index == 0:
             return value.copy()
-        share = min((time - self._starts[index]) / self._span.ramp, 1.0)
+        share = min((time - self._ends[index - 1]) / self._span.ramp, 1.0)
         return self._values[index - 1] + share * (value - self._values[index - 1])
-
-    def _append(self) -> None:
-        start = self._ends[-1]
-        self._starts.append(start)
-        self._ends.append(start + self._span.period * self._random.uniform(0.6, 1.4))
-        self._values.append(self._draw())
 
     def _draw(self) -> Floats:
         span, random = self._span, self._random

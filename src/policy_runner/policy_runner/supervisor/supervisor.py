@@ -151,7 +151,9 @@ class Supervisor:
         if self._handover is not None:
             return False, 'a change of policy is under way; try again in some seconds'
         if self.state in (State.STANDING_UP, State.RUNNING):
-            self._handover = Handover(self._policy, policy, max(now, self._ready()))
+            standing_up = self.state is State.STANDING_UP
+            begins = max(now, self._since + self._policy.ramp) if standing_up else now
+            self._handover = Handover(self._policy, policy, begins)
             return True, 'the robot comes to a stand, then the policy changes'
         self._policy = policy
         return True, 'the policy is changed'
@@ -227,10 +229,6 @@ class Supervisor:
         if handover.done(now):
             self._policy, self._handover = handover.new, None
         return targets
-
-    def _ready(self) -> float:
-        """Return the time at which standing up ends, s."""
-        return self._since + self._policy.ramp if self.state is State.STANDING_UP else self._since
 
     def _damp(self, fault: Fault, now: float) -> None:
         if self._handover is not None:

@@ -36,13 +36,13 @@ from policy_training.evaluation.tasks import AXES, Task
 def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> list[str]:
     """Return sentences that compare each policy with the first, by task, and on robustness."""
     names = list(dict.fromkeys(entry['name'] for entry in entries))
-    sentences = []
-    for name in names[1:]:
-        for entry in (e for e in entries if e['name'] == name):
-            same = (e for e in entries if e['name'] == names[0] and e['task'] == entry['task'])
-            first = next(same, None)
-            if first is not None:
-                sentences.append(_compare(entry, first))
+    of_first = {e['task']: e for e in reversed(entries) if e['name'] == names[0]}
+    sentences = [
+        _compare(entry, of_first[entry['task']])
+        for name in names[1:]
+        for entry in entries
+        if entry['name'] == name and entry['task'] in of_first
+    ]
     for name, found in trials.items():
         how = ', '.join(f'{key} {found["mean_error"][key]:.2f}' for key in AXES)
         says = 'follows its commands' if found['following'] else 'does not follow its commands'
@@ -159,7 +159,7 @@ def score_walk(
     speed = float(np.hypot(*walk.velocity[steady, :2].mean(axis=0)))
     if speed > _WALKING and max(map(abs, command[:2])) > _WALKING:
         entry['cost_of_transport'] = supply / (walk.mass * GRAVITY * speed)
-    entry['gait'] = asdict(gait_of(walk))
+    entry['gait'] = gait_of(walk)
     entry['smoothness'] = _smoothness(walk)
     found: dict[str, Any] = finite(entry)
     return found

@@ -21,18 +21,6 @@ _TINY = 1e-12
 
 
 @dataclass(frozen=True)
-class Gait:
-    """Times and impacts of all feet; NaN where no stride was found."""
-
-    stride_s: float
-    swing_s: float
-    stance_s: float
-    impact_n: float  # peak force within 50 ms of touch-down, mean
-    impact_rate_db: float  # loudness proxy, see `loudness`
-    strides: int
-
-
-@dataclass(frozen=True)
 class Cycle:
     """Mean gait cycle of one leg from touch-down to touch-down, by name of the signal."""
 
@@ -65,27 +53,28 @@ def find_steps(force: Floats, steady: Bools) -> list[tuple[int, int, int]]:
     return strides
 
 
-def gait_of(walk: MeasuredWalk) -> Gait:
-    """Return times and impacts of a walk's steady part."""
+def gait_of(walk: MeasuredWalk) -> dict[str, float]:
+    """Return times and impacts of all feet in a walk's steady part; NaN where no stride was found.
+
+    impact_n: mean of the peak force within 50 ms of touch-down; impact_rate_db: see `loudness`.
+    """
     strides = [
         (leg, *stride)
         for leg, force in enumerate(walk.foot_force.T)
         for stride in find_steps(force, walk.raw_steady)
     ]
-    if not strides:
-        nan = float('nan')
-        return Gait(nan, nan, nan, nan, loudness(walk), 0)
-    times = np.array([(down, up, then) for _, down, up, then in strides]) / RAW_RATE
+    times = np.array([times for _, *times in strides] or [[np.nan] * 3]) / RAW_RATE
+    down, up, then = times.mean(axis=0).tolist()
     peak = round(_IMPACT * RAW_RATE)
     impacts = [walk.foot_force[down : down + peak, leg].max() for leg, down, _, _ in strides]
-    return Gait(
-        stride_s=float(np.mean(times[:, 2] - times[:, 0])),
-        swing_s=float(np.mean(times[:, 2] - times[:, 1])),
-        stance_s=float(np.mean(times[:, 1] - times[:, 0])),
-        impact_n=float(np.mean(impacts)),
-        impact_rate_db=loudness(walk),
-        strides=len(strides),
-    )
+    return {
+        'stride_s': then - down,
+        'swing_s': then - up,
+        'stance_s': up - down,
+        'impact_n': float(np.mean(impacts or [np.nan])),
+        'impact_rate_db': loudness(walk),
+        'strides': len(strides),
+    }
 
 
 def loudness(walk: MeasuredWalk) -> float:

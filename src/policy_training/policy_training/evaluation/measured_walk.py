@@ -15,7 +15,7 @@ from sim_bridge.offline.run import OfflineRun
 from sim_bridge.offline.telemetry import gather
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.plant.simulation import Simulation
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import stand_world, walking_world
 from wattwalk_core.anymal import JOINT_NAMES, ROBOT_MASS
@@ -88,7 +88,7 @@ def walk_of(
         data=data,
         raw=raw,
         velocity=velocity,
-        foot_force=_at(raw.time, forces.stamp_ns * 1e-9, np.asarray(forces.force, np.float64)),
+        foot_force=values_at(raw.time, forces.stamp_ns * 1e-9, forces.force),
         steady=_steady(data, velocity, _held(recording, data.time, task)),
         raw_steady=_steady(raw, raw_velocity, _held(recording, raw.time, task)),
         falls=falls,
@@ -120,14 +120,13 @@ def columns_of(data: AlignedDataset, kind: str) -> list[int]:
     return [i for i, name in enumerate(data.names) if name.endswith(kind)]
 
 
-def idle_power(plant: Plant, duration: float = 0.5) -> float:
-    """Return the power of the twelve drives at rest, W, at the meter's terminals."""
+def idle_power(plant: Plant) -> float:
+    """Return the power of the twelve drives at rest for 0.4 s, W, at the meter's terminals."""
     total = 0.0
     for joint in JOINT_NAMES:
         simulation = Simulation(plant, stand_world(joint))
         simulation.hold(JointCommand())
-        blocks = [simulation.advance(400) for _ in range(max(round(duration / STEP) // 400, 1))]
-        total += float(np.mean([block.power.mean() for block in blocks]))
+        total += float(np.mean([simulation.advance(400).power.mean() for _ in range(2)]))
     return total
 
 
@@ -135,10 +134,11 @@ def _velocity(recording: Recording, time: Floats) -> Floats:
     odometry = recording.odom()
     seconds = odometry.stamp_ns * 1e-9
     planar, turning = odometry.linear_velocity[:, :2], odometry.angular_velocity[:, 2]
-    return _at(time, seconds, np.column_stack([planar, turning]))
+    return values_at(time, seconds, np.column_stack([planar, turning]))
 
 
-def _at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]) -> Floats:
+def values_at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]) -> Floats:
+    """Return values [N, C], of seconds [N], at times [T], s, by linear interpolation [T, C]."""
     return np.column_stack([np.interp(time, seconds, column) for column in values.T])
 
 

@@ -9,7 +9,9 @@ from typing import Any, Final
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
+from scipy.ndimage import uniform_filter1d
 from wattwalk_core.anymal import JOINT_TYPES
+from wattwalk_core.arrays import Floats
 from wattwalk_core.pages.page import COLORS, Figure, Page, escape, finished, short
 
 from policy_training.evaluation.gait_cycle import Cycle
@@ -194,11 +196,8 @@ def _numbers(values: Iterable[float | None]) -> Any:
     return short(np.array(list(values), np.float64))
 
 
-def _smooth(values: np.ndarray, width: int = 9) -> Any:
-    if len(values) >= width:
-        padded = np.pad(values, width // 2, mode='edge')
-        values = np.convolve(padded, np.ones(width) / width, mode='valid')
-    return short(values)
+def _smooth(values: Floats) -> Any:
+    return short(uniform_filter1d(values, 9, mode='nearest') if len(values) >= 9 else values)
 
 
 _AXES: Final = {'vx': 'vx error m/s', 'vy': 'vy error m/s', 'yaw': 'yaw rate error rad/s'}

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from policy_runner.policies.velocity_commands import COMMAND_RATE_LIMIT
+from policy_runner.policies.velocity_commands import COMMAND_RATE_LIMIT, parse_velocity
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
@@ -53,10 +53,10 @@ def parse_tasks(texts: Sequence[str]) -> tuple[Task, ...]:
             tasks.append(known[name])
             continue
         try:
-            vx, vy, yaw = (float(part) for part in numbers.split(','))
-        except ValueError:
+            command = parse_velocity(numbers)
+        except InputError:
             raise InputError(
                 f'task {text!r} is neither one of {", ".join(known)} nor NAME=VX,VY,YAW'
             ) from None
-        tasks.append(Task(name, (vx, vy, yaw)))
+        tasks.append(Task(name, command))
     return tuple(tasks)

@@ -25,7 +25,7 @@ from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
-from policy_training.evaluation.measured_walk import columns_of
+from policy_training.evaluation.measured_walk import columns_of, values_at
 
 _WINDOW: Final = 2.0  # s of power in view
 _MEAN: Final = 0.6  # s, about a stride, of the numbers
@@ -49,11 +49,9 @@ def _poses(walk: Recording, times: Floats) -> Floats:
     """Return MuJoCo's qpos [T, 19] at these times, from odometry and joint states."""
     odom, joints = walk.odom(), walk.joint_states()
     columns = [joints.names.index(name) for name in JOINT_NAMES]
-    stamps, joint_stamps = odom.stamp_ns * 1e-9, joints.stamp_ns * 1e-9
-    parts = (*odom.position.T, *odom.orientation[:, [3, 0, 1, 2]].T)
-    base = [np.interp(times, stamps, part) for part in parts]
-    angles = [np.interp(times, joint_stamps, joints.position[:, i]) for i in columns]
-    return np.stack([*base, *angles], axis=1)
+    base = np.hstack([odom.position, odom.orientation[:, [3, 0, 1, 2]]])
+    angles = values_at(times, joints.stamp_ns * 1e-9, joints.position[:, columns])
+    return np.hstack([values_at(times, odom.stamp_ns * 1e-9, base), angles])
 
 
 def _robot_images(qpos: Floats) -> Iterator[Image]:

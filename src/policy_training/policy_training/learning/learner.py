@@ -4,7 +4,6 @@ import contextlib
 import io
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from rsl_rl.algorithms import PPO
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
 from policy_training.config import TrainingConfig
@@ -67,15 +67,6 @@ _CRITIC_RATE: Final = 1e-3
 _CRITIC_EPOCHS: Final = 3
 
 
-@dataclass
-class Round:
-    """Result of one iteration of collecting and learning."""
-
-    iteration: int
-    steps: int  # policy steps so far
-    values: dict[str, float] = field(default_factory=dict)  # means over the round
-
-
 class Learner:
     """PPO of a walking policy, seeded by the config; checkpoints hold tensors and numbers only.
 
@@ -103,9 +94,16 @@ class Learner:
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
 
     def run(
-        self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
+        self,
+        iterations: int,
+        report: Callable[[dict[str, float]], None],
+        *,
+        seconds: float | None = None,
     ) -> None:
-        """Run up to a total of iterations, or for some seconds; report: called after each."""
+        """Run up to a total of iterations, or for some seconds.
+
+        report: called after each with its means by name.
+        """
         start = time.monotonic()
         self.ppo.train_mode()
         while self.iteration < iterations:
@@ -158,13 +156,15 @@ class Learner:
                     f'{seen.get(key)!r}; set it as it was, or begin anew'
                 )
 
-    def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return weight [out, in] and bias [out] of each layer of the policy."""
-        return [
-            (module.weight.detach().cpu(), module.bias.detach().cpu())
-            for module in self.ppo.get_policy().mlp
-            if isinstance(module, torch.nn.Linear)
-        ]
+    def actor_tensors(self) -> dict[str, Singles]:
+        """Return weight [out, in] and bias [out] of each layer, by name in a policy folder."""
+        modules = self.ppo.get_policy().mlp
+        layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
+        return {
+            f'layer{index}.{part}': tensor.detach().cpu().numpy()
+            for index, layer in enumerate(layers)
+            for part, tensor in layer.named_parameters()
+        }
 
     def _fit_critic(self) -> None:
         """Fit the critic to the round's returns at a learning rate of its own.
@@ -182,7 +182,7 @@ class Learner:
                 loss.backward()
                 self._critic_optimiser.step()
 
-    def _round(self) -> Round:
+    def _round(self) -> dict[str, float]:
         config = self.config
         began = time.perf_counter()
         logs: list[dict[str, float]] = []
@@ -206,7 +206,7 @@ class Learner:
         values['action_std'] = float(self.ppo.get_policy().output_std.detach().mean())
         values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
         values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
-        return Round(self.iteration, self.environment.steps, values)
+        return values
 
 
 def _clip_advantages(advantages: torch.Tensor, most: float) -> None:

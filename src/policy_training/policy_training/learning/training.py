@@ -1,6 +1,6 @@
 """Training from a config to the exported policy, with progress on stderr."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,27 +16,26 @@ from policy_runner.policies.folder import (
 from policy_runner.policies.observations import Observation
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 from wattwalk_core.console import counting_bar
+from wattwalk_core.tensors import Tensors
 
 import policy_training
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import ACTION_CLIP, WalkingEnvironment
 from policy_training.environment.power_source import power_source
-from policy_training.learning.learner import Learner, Round
+from policy_training.learning.learner import Learner
 from policy_training.learning.run_folder import RunFolder, read_curves
-
-Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
 
 
 def export_policy(
     folder: Path,
-    layers: Layers,
+    tensors: Tensors,
     config: TrainingConfig,
     observation: Observation,
     training: Mapping[str, Any],
 ) -> None:
     """Write `policy.yaml` and `weights.safetensors` of a policy into a folder.
 
-    layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
+    tensors: of each layer by name, as trained on this observation.
     training: origin of the policy, for people.
     """
     pose = (round(float(q), 6) + 0.0 for q in DEFAULT_POSE)
@@ -49,13 +48,9 @@ def export_policy(
         gains=dict.fromkeys(JOINT_NAMES, Gains(POSITION_GAIN, VELOCITY_GAIN)),
         action=Action(dict.fromkeys(JOINT_NAMES, config.action_scale), ACTION_CLIP),
         observation=observation,
-        network=PolicyNetwork(tuple(len(bias) for _, bias in layers[:-1])),
+        network=PolicyNetwork(config.ppo.hidden),
         training=dict(training),
     )
-    tensors = {}
-    for index, (weight, bias) in enumerate(layers):
-        tensors[f'layer{index}.weight'] = weight.numpy()
-        tensors[f'layer{index}.bias'] = bias.numpy()
     write_folder(folder, contract, tensors)
 
 
@@ -66,20 +61,16 @@ def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     return Learner(config, environment, device)
 
 
-def train(
-    learner: Learner,
-    folder: RunFolder,
-    *,
-    seconds: float | None = None,
-) -> None:
+def train(learner: Learner, folder: RunFolder, *, seconds: float | None = None) -> None:
     """Train to the end of the config, or for some seconds; save curves, checkpoint and policy."""
     config = learner.config
     bar = counting_bar('M steps', digits=1)
 
-    def report(done: Round) -> None:
-        folder.add(done.iteration, done.steps, done.values)
-        bar.update(task, completed=done.steps / 1e6, description=_headline(config, done))
-        if done.iteration % config.checkpoint_every == 0:
+    def report(values: dict[str, float]) -> None:
+        steps = learner.environment.steps
+        folder.add(learner.iteration, steps, values)
+        bar.update(task, completed=steps / 1e6, description=_headline(config, values))
+        if learner.iteration % config.checkpoint_every == 0:
             folder.save(learner.checkpoint())
 
     with bar:
@@ -95,7 +86,7 @@ def train(
     rows = read_curves(folder.path)
     export_policy(
         folder.policy,
-        learner.actor_layers(),
+        learner.actor_tensors(),
         config,
         learner.environment.observation,
         {
@@ -111,8 +102,7 @@ def train(
     bar.console.print(f'wrote {folder.policy}')
 
 
-def _headline(config: TrainingConfig, done: Round) -> str:
-    v = done.values
+def _headline(config: TrainingConfig, v: Mapping[str, float]) -> str:
     watts = f', {v["power/watts"]:.0f} W' if 'power/watts' in v else ''
     return (
         f'{config.name}: off by {v["error/velocity"]:.2f} m/s, {v["error/yaw"]:.2f} rad/s'
