@@ -20,7 +20,7 @@ def _flow(signals: Signals, bridge: float = 0.0) -> Floats:
 
 
 def returned_shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
-    """What each drive returns, the sum of that, and the net power that the bus blocks, W."""
+    """Return what each drive returns, the sum of that, and the net power that is blocked, W."""
     returned = np.maximum(0.0, -signals.drawn)
     total = returned.sum(axis=1, keepdims=True)
     drawn = signals.drawn.sum(axis=1, keepdims=True)
