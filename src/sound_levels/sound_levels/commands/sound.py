@@ -38,7 +38,7 @@ def entries_of(
         raise InputError(
             f'{len(recordings)} recordings for {len(found)} sound files; give one for each'
         )
-    bags = recordings or [None] * len(found)
+    bags: Sequence[Path | None] = recordings or [None] * len(found)
     return [replace(entry, recording=bag) for entry, bag in zip(found, bags, strict=True)]
 
 
