@@ -97,5 +97,5 @@ def test_computers_that_take_what_a_hopper_returns_are_no_idle_draw_of_its_drive
     known = [Active.of(EFFECTS[name]) for name in truth.known]
     (meter,) = judged_effects(prepare(truth.data), known, EFFECTS).meters
     low, high = np.quantile(meter.coefficients['idle'], [0.025, 0.975])
-    assert low < truth.drives['LF_KFE'].coefficients['idle'] < high
+    assert low < truth.coefficients['LF_KFE']['idle'] < high
     assert high < 40.0  # W: without them 47 to 70

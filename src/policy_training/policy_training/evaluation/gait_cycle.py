@@ -63,8 +63,8 @@ def gait_of(walk: MeasuredWalk) -> dict[str, float]:
         for leg, force in enumerate(walk.foot_force.T)
         for stride in find_steps(force, walk.raw_steady)
     ]
-    times = np.array([times for _, *times in strides] or [[np.nan] * 3]) / RAW_RATE
-    down, up, then = times.mean(axis=0).tolist()
+    events = np.array([times for _, *times in strides], np.float64).reshape(-1, 3) / RAW_RATE
+    down, up, then = events.mean(axis=0).tolist() if strides else [float('nan')] * 3
     peak = round(_IMPACT * RAW_RATE)
     impacts = [walk.foot_force[down : down + peak, leg].max() for leg, down, _, _ in strides]
     return {
