@@ -156,7 +156,7 @@ def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
     if diagnosis.verdict == 'ambiguous':
         told = 'them apart' if len(diagnosis.effects) > 1 else 'whether it is missing'
         return f'Next: {record}, which tells {told}.'
-    learn = '`power_lab discover` learns the shape of what stays'
+    learn = '`ros2 run power_lab discover` learns the shape of what stays'
     if (best := diagnosis.uncertain) is not None:
         name = in_words(best.name)
         return (
