@@ -5,10 +5,7 @@ import pytest
 from power_estimator.effects.signals import pieces
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.signals.reducer import REDUCED_RATE, Reducer
-from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
-from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
 RATE = 400.0
@@ -85,35 +82,6 @@ def test_the_noise_of_the_meter_is_estimated_after_the_low_pass():
     prepared = prepare(dataset(seconds=60.0))
     taps = prepared.reducer._taps(0.0)
     assert prepared.noise == pytest.approx(0.5 * np.sqrt(np.sum(taps**2)), rel=0.25)
-
-
-def metered(rate, watts, *, whole):
-    """Joint states at 400 Hz and noise of the power at another rate, 60 s."""
-    turned, time = np.arange(24_000) / 400, np.arange(60 * rate) / rate
-    angle = 0.4 * np.sin(2 * np.pi * 0.5 * turned)
-    speed = 0.4 * np.pi * np.cos(2 * np.pi * 0.5 * turned)
-    stamps = 10**9 + np.rint(turned * 1e9).astype(np.int64)
-    parts = [values.astype(np.float32)[:, None] for values in (angle, speed, 10 * speed)]
-    joints = JointSamples(stamps, ('knee',), *parts)
-    power = 480.0 + np.random.default_rng(1).normal(0, watts, (len(time), 1))
-    stamps = 10**9 + np.rint(time * 1e9).astype(np.int64)
-    volts, current = np.full_like(power, 48.0), power / 48.0
-    if whole:
-        supply = SupplySamples(stamps, volts[:, 0], -current[:, 0])
-        return Recording.in_memory('made', {'joint_states': joints, 'supply': supply})
-    count = np.arange(len(time), dtype=np.uint64)
-    nothing = np.full(power.shape, np.nan, np.float32)
-    good = np.zeros(power.shape, np.uint8)
-    drive = DriveSamples(stamps, ('knee',), count, stamps, volts, current, nothing, good)
-    return Recording.in_memory('made', {'joint_states': joints, 'drive_supply': drive})
-
-
-@pytest.mark.parametrize('whole', [False, True])
-@pytest.mark.parametrize('rate', [100, 200, 400, 1000])
-def test_the_noise_is_that_of_the_meter_whatever_its_rate(rate, whole):
-    # Of white noise of 2 W up to rate/2, the share below 12.5 Hz is 25 Hz/rate.
-    data = align(metered(rate, 2.0, whole=whole), rate=400.0, smooth=False, need_power=not whole)
-    assert prepare(data).noise == pytest.approx([2.0 * np.sqrt(25.0 / rate)], rel=0.1)
 
 
 def test_degrees_among_radians_are_refused():

@@ -155,11 +155,7 @@ class Loaded:
             return self
         chosen = np.isin(self.data.recording, places)
         data = replace(
-            self.data.rows(chosen),
-            recordings=tuple(self.data.recordings[i] for i in places),
-            noise_hidden=tuple(
-                self.data.noise_hidden[i] for i in places if self.data.noise_hidden
-            ),
+            self.data.rows(chosen), recordings=tuple(self.data.recordings[i] for i in places)
         )
         return replace(
             self,

@@ -11,13 +11,12 @@ from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
-from power_recordings.alignment.filters import antialias, centred, quiet_noise, smoothing
+from power_recordings.alignment.filters import antialias, centred, smoothing
 from power_recordings.alignment.signals import RecordedSignals, SignalCollector
 from power_recordings.alignment.stream import Stream, held
 from power_recordings.reading.reader import Recording
 
 _FEWEST = 4
-_NOISE_SECONDS = 60.0  # of white noise: its spread within a few per cent
 
 
 def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
@@ -95,8 +94,7 @@ def align(
             + ''.join(f'; {note}' for note in source.notes)
         )
     notes = tuple(f'{recording.path}: {note}' for note in segments.notes(pieces))
-    hidden = (segments.noise_hidden(rate),)
-    return replace(_dataset(source, rate, pieces, notes), noise_hidden=hidden)
+    return _dataset(source, rate, pieces, notes)
 
 
 def load_aligned(
@@ -183,7 +181,6 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
         notes=tuple(note for part in parts for note in part.notes),
         motor_current=_joined(parts, [part.motor_current for part in parts]),
         computed_power=frozenset().union(*(part.computed_power for part in parts)),
-        noise_hidden=tuple(own for part in parts for own in part.noise_hidden or (1.0,)),
         **arrays,
     )
 
@@ -252,23 +249,6 @@ class _Segments:
 
     def _filtered(self, values: Singles) -> Singles:
         return centred(values, self._taps)[:: self._every]
-
-    def noise_hidden(self, rate: float) -> float:
-        """Return the factor by which `quiet_noise` at `rate` Hz understates the meter's noise.
-
-        Filters and interpolation to the grid smooth white noise; its density below their
-        passband stays.
-        """
-        meter = self._source.electrics or self._source.others.get('supply')
-        if meter is None:
-            return 1.0
-        count = min(len(meter.time), round(_NOISE_SECONDS / meter.period))
-        time = np.arange(count, dtype=np.float64) * meter.period
-        white = np.random.default_rng(0).normal(size=(count, 1)).astype(np.float32)
-        grid = np.arange(0.0, time[-1], 1 / GRID)
-        seen = self._filtered(Stream.of(time, white).sample(grid))[:, 0]
-        found = quiet_noise([seen[np.isfinite(seen)]], rate)
-        return float(np.sqrt(rate * meter.period) / found) if found > 0 else 1.0
 
     def notes(self, pieces: Sequence[_Piece]) -> list[str]:
         """Return notes on what was left out."""

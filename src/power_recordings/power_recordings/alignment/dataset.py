@@ -46,7 +46,6 @@ class AlignedDataset:
     motor_current: Singles | None = None  # A [T, D] beside the torque; None of no drive
     computed_power: frozenset[str] = frozenset()  # drives whose power a firmware computes
     steady: bool = False  # each row is an operating point: no row follows on the one before
-    noise_hidden: tuple[float, ...] = ()  # factor of `quiet_noise`, by recording
 
     @classmethod
     def blank(

@@ -3,7 +3,6 @@
 scipy is imported where it is used: it would delay the refusal of wrong arguments.
 """
 
-from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -93,25 +92,6 @@ def centred(values: NDArray[Any], taps: Floats) -> Singles:
 
     filtered = correlate1d(np.asarray(values, np.float32), taps, axis=0, mode='nearest')
     return np.asarray(filtered[half:-half], np.float32)
-
-
-_QUIET = 0.1  # quantile: white noise is all that is left where a signal is nearly still
-
-
-def quiet_noise(stretches: Iterable[Floats | Singles], rate: float) -> float:
-    """Return the spread of white noise in the quietest half seconds of stretches [N]; else NaN.
-
-    It is that of second differences, which a smooth signal hardly has. rate: Hz.
-    """
-    length = max(16, round(rate / 2))
-    spreads = []
-    for values in stretches:
-        kinks = np.diff(np.asarray(values, np.float64), n=2) / np.sqrt(6.0)
-        parts = kinks[: len(kinks) // length * length].reshape(-1, length)
-        spreads.append(parts[np.isfinite(parts).all(axis=1)].std(axis=1))
-    found = np.concatenate(spreads) if spreads else np.empty(0)
-    found = found[found > 0]
-    return float(np.quantile(found, _QUIET)) if found.size else float('nan')
 
 
 _LEAST_VARIANCE = 1e-4  # of the largest over all lags, below which a signal counts as constant

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.alignment.filters import quiet_noise
 from power_recordings.alignment.positions import stands_still
 from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
@@ -377,8 +376,17 @@ def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
 
 def _meter_noise(data: AlignedDataset, meters: Floats, reducer: Reducer) -> Floats:
     """White noise of the power [T, M] after reduction, W [M], from its quietest half seconds."""
+    length = max(16, round(data.rate / 2))
     share = float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))
-    hidden = data.noise_hidden or (1.0,) * len(data.recordings)
-    parts = [(part, hidden[data.recording[part.start]]) for part in data.segments()]
-    found = [quiet_noise((by * power[own] for own, by in parts), data.rate) for power in meters.T]
-    return share * np.array(found)
+    noise = np.full(meters.shape[1], np.nan)
+    for meter in range(meters.shape[1]):
+        spreads = []
+        for part in data.segments():
+            kinks = np.diff(meters[part, meter], n=2) / np.sqrt(6.0)
+            whole = kinks[: len(kinks) // length * length].reshape(-1, length)
+            spreads.append(whole[np.isfinite(whole).all(axis=1)].std(axis=1))
+        joined = np.concatenate(spreads) if spreads else np.empty(0)
+        joined = joined[joined > 0]
+        if joined.size:
+            noise[meter] = share * float(np.quantile(joined, 0.1))
+    return noise
