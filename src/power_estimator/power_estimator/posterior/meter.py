@@ -290,7 +290,7 @@ def blocked_shares(signals: Signals, point: Point) -> Floats:
     """
     nothing = np.zeros_like(signals.drawn)
     limits = [a for a, _ in point.values() if a.name.startswith('regeneration_limit')]
-    if signals.one_meter or not any(active.parameters['supply'] for active in limits):
+    if signals.one_meter or not any(active.parameters.get('supply') for active in limits):
         return nothing
     returned, total, blocked = returned_shares(signals)
     return np.divide(returned, total, out=nothing, where=blocked > 0.0)

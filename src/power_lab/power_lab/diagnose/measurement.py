@@ -142,5 +142,4 @@ _CHECKS: Mapping[str, str] = {
     'torque_lag': 'compare it with the current at a step of torque, and turn its filter off',
     'time_offset': 'compare the stamps of power and torque at a step of torque',
     'meter_filter': 'turn the averaging of the meter off, or record it faster',
-    'unmetered_load': 'read what the bus supplies with all drives unplugged',
 }
