@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -25,6 +24,7 @@ os.environ['WATTWALK_INDEX'] = ''
 
 DAEMON_PORT = 11511
 _BEHIND = 10  # nice value: a ninth of the weight of a live test
+_OWN = os.getpriority(os.PRIO_PROCESS, 0)
 SLOW_FILES = {*(Path(__file__).parent / 'tests' / 'slow_files.txt').read_text().split()}
 """Files whose tests took 2 s of CPU and more together, `make test-fast` leaves them out."""
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
@@ -76,13 +76,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Let live tests go first on the processors: the others take the time in which they wait.
 
-    Without the right to raise a priority again a worker keeps the lower one.
+    Only root may raise a priority again; others keep theirs.
     """
-    if 'PYTEST_XDIST_WORKER' in os.environ:
+    if 'PYTEST_XDIST_WORKER' in os.environ and os.geteuid() == 0:
         mark = item.get_closest_marker('xdist_group')
         live = mark is not None and mark.args == ('live',)
-        with suppress(PermissionError):
-            os.setpriority(os.PRIO_PROCESS, 0, 0 if live else _BEHIND)
+        os.setpriority(os.PRIO_PROCESS, 0, _OWN + (0 if live else _BEHIND))
     return (yield)
 
 

@@ -8,7 +8,7 @@ from power_estimator.effects import builtin_catalogue
 from power_fleet.track.history import DriveHistory, histories
 from power_fleet.track.recording_fit import Occasion, RecordingFit, Unfit, from_bytes, to_bytes
 from power_fleet.track.search import hypotheses_of, search
-from power_fleet.track.shared import common_levels
+from power_fleet.track.shared import common_levels, shrunk
 from power_fleet.track.unmodelled import growths
 
 CATALOGUE = builtin_catalogue()
@@ -224,6 +224,22 @@ def test_a_delay_that_all_drives_have_in_common_has_a_level():
     fits = delayed(made(16), 40)
     common = common_levels(run(fits).models)['time_offset', 0]
     assert (common.value, common.spread) == (pytest.approx(0.00175), 0.0)
+
+
+def test_a_drive_that_does_not_excite_a_coefficient_takes_it_from_the_others():
+    fits = made(17)
+    for fit in fits:
+        fit.values[0, 0] += 2.0
+        fit.covariance[0, 0, :] = fit.covariance[0, :, 0] = 0.0
+        fit.covariance[0, 0, 0] = 100.0
+    models = run(fits).models
+    common = common_levels(models)
+    own = models[0].levels[0][0]
+    found = shrunk(models[0], common)
+    assert own == pytest.approx(5.0, abs=0.2)
+    assert found.level[0] == pytest.approx(3.0, abs=0.1)
+    assert found.values[:, 0] == pytest.approx(3.0, abs=0.1)
+    assert models[0].levels[0][0] == own
 
 
 def with_errors(fits: list[RecordingFit], errors: np.ndarray) -> list[RecordingFit]:

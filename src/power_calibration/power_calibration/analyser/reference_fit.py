@@ -290,5 +290,6 @@ def _linear(
 def _line(x: Floats, y: Floats, through_zero: bool) -> tuple[float, float]:
     if through_zero:
         return float(x @ y / (x @ x)), 0.0
-    slope, level = np.polyfit(x, y, 1)
-    return float(slope), float(level)
+    spread = x - x.mean()
+    slope = float(spread @ y / max(float(spread @ spread), 1e-12))
+    return slope, float(y.mean() - slope * x.mean())

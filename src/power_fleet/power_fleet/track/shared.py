@@ -67,7 +67,8 @@ def shrunk(model: ChangeModel, common: Mapping[tuple[str, int], Common]) -> Poin
     a drive that never does from the other drives.
     """
     scale, history = model.scale, model.history
-    level, error = model.levels
+    own_level, own_error = model.levels
+    level, error = own_level.copy(), own_error.copy()
     for column, label in enumerate(history.labels):
         if label in common:
             own, other = error[column] ** 2, common[label].spread ** 2 + common[label].error ** 2
@@ -75,7 +76,7 @@ def shrunk(model: ChangeModel, common: Mapping[tuple[str, int], Common]) -> Poin
             level[column] = weight * level[column] + (1 - weight) * common[label].value
             error[column] = np.sqrt(weight) * error[column]
     mean = model.values - model.residual
-    mean = mean + (level / scale - model.levels[0] / scale)
+    mean = mean + (level - own_level) / scale
     own = history.covariance / (scale[:, None] * scale)
     values, vectors = np.linalg.eigh(model.scatter - np.median(own, axis=0))
     between = (vectors * np.maximum(values, 1e-6)) @ vectors.T

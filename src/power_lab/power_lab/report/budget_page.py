@@ -248,7 +248,7 @@ def _stacked(
     for family, (words, colour, _) in FAMILIES.items():
         own = families.get(family, 0.0 * ends[0])
         for place, part in enumerate((np.minimum(own, 0.0), np.maximum(own, 0.0))):
-            if np.abs(part).max() > least:
+            if np.nanmax(np.abs(part)) > least:
                 yield part, ends[place], colour, {'label': words, **_looks(colour)}
                 ends[place] = ends[place] + part
 

@@ -114,7 +114,10 @@ def _below(path: Path, depth: int, is_wanted: Callable[[Path], bool]) -> Iterato
 
 
 def _is_bag_folder(path: Path) -> bool:
-    return path.is_dir() and ((path / 'metadata.yaml').exists() or any(path.glob('*.mcap')))
+    try:
+        return path.is_dir() and ((path / 'metadata.yaml').exists() or any(path.glob('*.mcap')))
+    except OSError:
+        return False
 
 
 def _index() -> RecordingIndex:
