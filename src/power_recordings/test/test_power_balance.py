@@ -74,6 +74,19 @@ def test_units_and_signs_are_refused_on_a_lossy_leg_too(wrong, words):
         refuse_wrong_units(recording(lossy_leg(), **wrong))
 
 
+def test_a_drive_whose_gear_takes_most_of_its_power_is_warned_of_and_not_refused():
+    """A telescope's mount: 33 N·m and 250 N·m·s/rad where the load is 15 N·m at 0.02 rad/s."""
+    speed = 0.01 * SPEED
+    friction = 33.0 * np.sign(speed) + 250.0 * speed
+    motor = TORQUE + friction
+    power = motor * speed + 0.005 * motor**2 + 4.0
+    assert power_balance(power, TORQUE, speed).slope > 3.0
+    mount = recording(power, speed=0.01)
+    (found,) = [f for f in check_recording(mount).findings if f.code.startswith('power')]
+    assert found.severity == 'warning'
+    assert 'losses that grow with load and speed' in found.text
+
+
 def test_milliamperes_of_a_lossy_leg_are_refused():
     small = 0.1 * 1e3 * lossy_leg()  # no current beyond what a drive can draw
     with pytest.raises(InputError, match='power grows by'):

@@ -52,6 +52,7 @@ _RUBBED: Final = 0.05  # in which the heat that friction adds changes the slope 
 _LARGE: Final = 3.0  # times the power, that torque × speed is of units that are likely wrong,
 _SMALL: Final = 0.1  # if power grows by less W with each W of it
 _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
+_AS_WELL: Final = 1.05  # times the variance, that a slope of 1 leaves: no worse than another
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
 _RPM: Final = 2 * np.pi / 60
@@ -143,7 +144,7 @@ def power_finding(
     if decided and meaning and not rubs:
         return Finding('power_units', 'error', drive, f'{text}: {meaning}?', mend)
     of_all = f'{text}, which stands for {balance.share:.0%} of its variance'
-    if rubs or _SCALES[0] < slope < _SCALES[1]:
+    if rubs or balance.worn < _AS_WELL or _SCALES[0] < slope < _SCALES[1]:
         text = f'{of_all}: losses that grow with load and speed, or a torque that is scaled'
         return Finding('power_slope', 'warning', drive, text)
     if not decided:

@@ -1,9 +1,11 @@
 """Units and signs checked by physics: consistency of power, torque, speed and position."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.optimize import least_squares
 from wattwalk_core.arrays import Floats
 
 _ENOUGH = 50  # samples
@@ -14,6 +16,9 @@ _ALIKE = 20  # samples in a row that count as one
 _FREE = 1e-4  # of the variance of τω, that no other term has
 _RATE_OVER = 0.02  # s to either side, that a torque's rate is taken over: its noise is then small
 _BESIDE = 1.5  # times by which the copper loss that friction adds may change a slope that is sure
+_LOSSY = 1.6  # W per W of torque × speed, from which losses grow with it
+_WORN_ROWS = 20_000
+_AT_REST = 0.01  # of the largest speed, below which friction's sign fades out
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
 
@@ -63,7 +68,8 @@ class ShaftBalance:
     copper loss that friction adds: in slow motion it looks like τω. delayed: a beside e·τ·dτ/dt,
     what a delay between torque and power adds, or a series spring; sprung: the same, NaN if no
     spring is sure to add it. losses: mean of P − a·τω, W, which is above 0 unless the sign of P is
-    wrong.
+    wrong. worn: what the physics of a gear with much friction leaves of P, whose slope is 1, over
+    what it leaves at any slope (`_worn`); infinite where a is not large, or of several drives.
     """
 
     slope: float
@@ -76,6 +82,7 @@ class ShaftBalance:
     delayed: float
     sprung: float
     losses: float
+    worn: float
 
     def __str__(self) -> str:
         return (
@@ -105,7 +112,7 @@ def power_balance(
     terms = (torque * velocity, torque**2, np.abs(velocity))
     design = np.stack([*(term.sum(axis=1) for term in terms), np.ones_like(power)], axis=1)
     shaft = design[:, 0]
-    (slope, *_), inverse, rest = solve(design, power)
+    (slope, *others), inverse, rest = solve(design, power)
     heat = (torque * np.sign(velocity)).sum(axis=1, keepdims=True)
     apart, *_ = solve(np.hstack([design, heat]), power)
     spring = (torque * rate).sum(axis=1, keepdims=True)
@@ -126,7 +133,44 @@ def power_balance(
         float(beside[0]),
         float(beside[0]) if sprung else np.nan,
         float(np.mean(power - slope * shaft)),
+        _worn(power, torque, velocity, others, float(np.var(rest)))
+        if slope > _LOSSY and torque.shape[1] == 1
+        else np.inf,
     )
+
+
+def _worn(
+    power: Floats, torque: Floats, velocity: Floats, linear: Sequence[float], rest: float
+) -> float:
+    """Return the variance that P = a·τω + f·ω + k·(τ + f)² + d leaves at a = 1 over the least.
+
+    f = (c + e·|τ|)·sign(ω) + b·ω is the friction of a gear. The winding's current carries it, so that 2·k·b
+    adds to the slope of τω. linear: factors of τ², |ω| and 1 in P = a·τω + …, which leaves the
+    variance rest, W².
+    """
+    thin = slice(None, None, -(-len(power) // _WORN_ROWS))
+    power, torque, velocity = power[thin], torque[thin, 0], velocity[thin, 0]
+    way = np.tanh(velocity / (_AT_REST * max(float(np.abs(velocity).max()), 1e-12)))
+    load, speed, watts = (
+        max(float(np.sqrt(np.mean(x**2))), 1e-12) for x in (torque, velocity, power)
+    )
+    copper = max(linear[0], 1e-3 * watts / load**2)
+    scale = np.array([copper, load, load / speed, watts, 1.0, 1.0])
+    begin = np.array([1.0, 0.5, watts / (load * speed), linear[2] / watts, 0.1, 1.0])
+
+    def left(factors: Floats) -> Floats:
+        k, c, b, d, e, slope = factors * scale
+        friction = (c + e * np.abs(torque)) * way + b * velocity
+        motor = torque + friction
+        return power - slope * torque * velocity - friction * velocity - k * motor**2 - d
+
+    least = np.array([0.0, 0.0, 0.0, -np.inf, 0.0, 0.0])
+    most = np.array([np.inf, np.inf, np.inf, np.inf, 1.0, np.inf])
+    one = least_squares(
+        lambda factors: left(np.append(factors, 1.0)), begin[:-1], bounds=(least[:-1], most[:-1])
+    )
+    free = least_squares(left, np.append(one.x, 1.0), bounds=(least, most))
+    return float(np.var(one.fun) / max(min(float(np.var(free.fun)), rest), 1e-12))
 
 
 @dataclass(frozen=True)
