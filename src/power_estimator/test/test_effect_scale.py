@@ -92,6 +92,34 @@ def test_copper_loss_of_any_size_is_found_again_inside_its_bounds(torque, speed,
     assert model.at_bound == ()
 
 
+def test_friction_of_a_mount_that_turns_at_0_02_rad_per_s_is_found_again_beside_its_copper_loss():
+    """Its gear takes most of the power, so that the fit takes more steps than of other drives."""
+    data = turning(60.0, 0.04, copper=0.0)
+    friction = 33.0 * np.sign(data.velocity) + 250.0 * data.velocity
+    motor = data.torque + friction
+    noise = np.random.default_rng(0).normal(0.0, 0.02, motor.shape)
+    power = motor * data.velocity + 0.005 * np.square(motor) + 4.0 + noise
+    data = replace(data, power=power.astype(np.float32))
+    model = fitted(data, 'shaft', 'copper_loss', 'coulomb_friction', 'viscous_friction', 'idle')
+    own = {name: found[0] for name, found in model.groups[0].coefficients.items()}
+    expected = {
+        'copper_loss': 0.005,
+        'coulomb_friction': 33.0,
+        'viscous_friction': 250.0,
+        'idle': 4.0,
+    }
+    assert {name: own[name].value for name in expected} == pytest.approx(expected, rel=0.1)
+
+
+def test_a_shaft_that_is_held_still_has_no_scale_of_speed():
+    data = turning(15.0, 0.04)
+    noise = np.random.default_rng(0).normal(0.0, 0.01, data.velocity.shape)
+    top = np.quantile(np.abs(data.velocity), 0.99)
+    assert prepare(data).signals.scale.of(0)[1] == pytest.approx(top / 8.0, rel=1e-3)
+    held = replace(data, velocity=noise.astype(np.float32))
+    assert prepare(held).signals.scale.of(0) == REFERENCE
+
+
 def test_a_coefficient_at_its_bound_is_marked_and_stays_so_in_the_file(tmp_path):
     data = turning(20.0, 6.0, copper=3.0)  # copper of a hundred drives, with a shaft of one
     data = replace(data, power=data.torque * data.velocity + np.float32(20.0))

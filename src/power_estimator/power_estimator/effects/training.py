@@ -132,7 +132,7 @@ def fit_model(
         raise InputError('the prior is of one drive, and these drives share one meter')
     fitter = material.fitter(prior=prior)
     whole = shaped(fitter, Folds.of(fitter.blocks, fitter.settings), structure.plus(*terms))
-    fit = fitter.fit(whole, iterations=5)
+    fit = fitter.fit(whole, iterations=12)
     intervals = fitter.intervals(fit, seed)
     shapes = {active.name: active.shape for active in whole.actives}
     chosen = Structure(

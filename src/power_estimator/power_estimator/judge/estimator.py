@@ -70,7 +70,7 @@ class JudgeSettings:
 
     fit: FitSettings = field(default_factory=FitSettings)  # folds and refits
     settling: float = 0.2  # s at the start of a stretch: networks begin with an empty memory
-    iterations: int = 4  # of a refit: the linearisation no longer moves
+    iterations: int = 12  # of a refit: the linearisation no longer moves
     together: int = 4  # recordings refitted at once: each adds its own columns of meter errors
     spread: int = 6  # stretches whose R² gives its spread, as many as training has segments
     shortest: float = 10.0  # s of such a stretch: R² of a shorter one means little

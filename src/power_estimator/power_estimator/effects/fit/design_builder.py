@@ -197,11 +197,12 @@ class DesignBuilder:
             place = structure.columns_of(active.name)
             extra = np.zeros((len(coefficients), len(place)))
             coefficients = np.concatenate([coefficients, extra], axis=1)
+        step = _SPEED_STEP * min(1.0, float(point.signals.scale.speed.min()))
         columns = []
         for column in place:
             moved = coefficients.copy()
-            moved[:, column] += _SPEED_STEP
-            columns.append((self.point(structure, moved).power - point.power) / _SPEED_STEP)
+            moved[:, column] += step
+            columns.append((self.point(structure, moved).power - point.power) / step)
         return np.stack(columns, axis=-1)
 
     def regressors(self, active: Active, signals: Signals) -> Floats:

@@ -147,7 +147,7 @@ class Fitter:
             current = self._solved(design, normal, point, weights, chosen, settings.reweightings)
             still = near is not None and abs(chosen - near) <= settings.fine_delay
             if left and still and self._settled(current, design, normal):
-                more = settings.reweightings * left
+                more = settings.reweightings * min(left, 3)
                 current = self._solved(design, normal, point, current.weights, chosen, more)
                 break
             near, point, weights = current.delay, current.coefficients, current.weights

@@ -8,12 +8,14 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.arrays import Floats, Singles
 
 from power_estimator.drive_types import assign, infer_types
-from power_estimator.effects.signals.scale import SPEED, TORQUE, VOLTAGE, DriveScale
+from power_estimator.effects.signals.scale import SPEED, STANDSTILL, TORQUE, VOLTAGE, DriveScale
 
 UNKNOWN_CONSTANT = 1.0  # N·m/A
 _LEAST_SHOWN = 0.1  # of the power's spread, that a torque constant explains
 _ALIKE = 3.0
 _ALIKE_VOLTAGE = 1.4
+_SLOW = 2 * STANDSTILL  # rad/s, top speed at which friction's sign would be 0.96
+_SMOOTH = 0.1  # of the speed, by which it changes from sample to sample in motion
 _MOST_COPPER = 0.3  # W/(N·m)², ten times that of the reference drive
 _VISIBLE = 0.05  # share of the largest power
 _CONSTANT_GAIN = 5.0
@@ -72,8 +74,8 @@ def drive_scale(data: AlignedDataset) -> DriveScale:
 
     Torque scales down only where it visibly costs more copper loss than the reference drive could
     have, or where the drive is more than three times as fast: else a recording without load says
-    nothing about the size of its drive. Where power was not measured, torque alone gives the
-    scale.
+    nothing about the size of its drive. Speed scales down for drives so slow that friction's sign
+    would fade out. Where power was not measured, torque alone gives the scale.
     """
     given = (data.torque, data.velocity, data.voltage, data.power)
     signals = [values.astype(np.float64) for values in given]
@@ -96,7 +98,7 @@ def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -
     load, top, size = (
         float(np.quantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity, power)
     )
-    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
+    for_speed = _speed_factor(velocity, top)
     for_torque = load / TORQUE if load > _ALIKE * TORQUE else 1.0
     if 0.0 < load < TORQUE:
         least = max(_MOST_COPPER, _VISIBLE * size / load**2)
@@ -112,10 +114,21 @@ def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -
 
 def _mechanical(torque: Floats, velocity: Floats) -> Floats:
     load, top = (float(np.nanquantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity))
-    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
+    for_speed = _speed_factor(velocity, top)
     alike = TORQUE / _ALIKE < load < TORQUE * _ALIKE or load == 0.0
     for_torque = 1.0 if alike else load / TORQUE
     return np.array([for_torque, for_speed, for_torque * for_speed])
+
+
+def _speed_factor(velocity: Floats, top: float) -> float:
+    """Return the factor of speed of drives [T, D] that reach a top speed, rad/s.
+
+    A shaft that is held still has a speed, too, but it is noise or swings to and fro.
+    """
+    step = np.nanmean(np.square(np.diff(velocity, axis=0)))
+    moves = step < np.square(_SMOOTH) * np.nanmean(np.square(velocity))
+    slow = top < _SLOW and moves
+    return top / SPEED if slow or top > _ALIKE * SPEED else 1.0
 
 
 def _copper(torque: Floats, velocity: Floats, power: Floats) -> float:
