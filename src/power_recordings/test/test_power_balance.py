@@ -87,6 +87,20 @@ def test_a_drive_whose_gear_takes_most_of_its_power_is_warned_of_and_not_refused
     assert 'losses that grow with load and speed' in found.text
 
 
+def test_a_brake_whose_torque_and_power_both_count_the_other_way_is_told():
+    speed = 20.0 + SPEED
+    torque = -12.0 - 0.2 * TORQUE
+    power = torque * speed + 0.7 * torque**2 + 6.0  # of 240 W it gives back 130 W
+    good = power_balance(power, torque, speed)
+    wrong = power_balance(-power, -torque, speed)
+    assert 0.9 < good.slope < 1.2
+    assert 0.9 < wrong.slope < 1.2
+    assert power_finding('KNEE', good, Card()) is None
+    found = power_finding('KNEE', wrong, Card())
+    assert found.severity == 'warning'
+    assert 'the signs of both torque and power' in found.text
+
+
 def test_milliamperes_of_a_lossy_leg_are_refused():
     small = 0.1 * 1e3 * lossy_leg()  # no current beyond what a drive can draw
     with pytest.raises(InputError, match='power grows by'):

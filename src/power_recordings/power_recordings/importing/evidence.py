@@ -31,13 +31,13 @@ _RANK: Final = 0.02  # R² that makes up for a place in the list
 _MECHANICAL: Final = 0.9998  # R² of a power that is torque × speed itself
 _SAME: Final = 0.999  # R² of a torque that is a current times a constant
 _FEWEST: Final = 30  # rows
-_ANGLES: Final = ('rad', 'deg', 'rev')
+_ANGLES: Final = ('rad', 'deg', 'rev', 'arcsec')
 _ALIKE: Final = 1.1  # times a velocity may be off the rate of its position
 _FOLLOWS: Final = 0.9  # their correlation
 _MOVED: Final = 0.2  # share of the power's variance
 
 
-Turned = Literal['torque', 'power', '']
+Turned = Literal['torque', 'power', 'both', '']
 ByQuantity = Mapping[str, list[CandidateColumn]]
 Meter = tuple[CandidateColumn, ...]  # voltage and current, or power: what makes it by product
 
@@ -180,7 +180,7 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
 
     None for τω itself, too few rows, or a power that torque × speed hardly moves. Where the power
     falls as τω rises, the sign of the power is wrong if losses would be fed by it, else that of
-    the torque.
+    the torque. Where it rises, and all losses would be fed, too, both are.
     """
     good = np.isfinite(power) & np.isfinite(torque) & np.isfinite(speed)
     p, t, w = power[good], torque[good], speed[good]
@@ -200,7 +200,10 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
     turned: Turned = '' if slope > 0 else ('torque' if losses > 0 else 'power')
     if turned and (r2 < _SURE or not found[0] < 0):
         return None
-    ahead = shaft[np.abs(shaft) > _SHOWN * np.abs(shaft).max()] * (-1 if turned == 'torque' else 1)
+    if not turned and r2 > _SURE and found[0] > 0 and max(losses, found[1], found[3]) < 0:
+        turned = 'both'
+    way = -1 if turned in ('torque', 'both') else 1
+    ahead = shaft[np.abs(shaft) > _SHOWN * np.abs(shaft).max()] * way
     return _Fit(slope, r2, turned, float(np.mean(ahead > 0)) > _DRIVES)
 
 
@@ -242,7 +245,7 @@ def unit_by_rate(
     found = velocity_slope(time, position.values, velocity.values)
     if found is None or found.correlation < _FOLLOWS:
         return ''
-    speeds = (speed,) if speed else ('rad/s', 'deg/s', 'rpm', 'rev/s')
+    speeds = (speed,) if speed else ('rad/s', 'deg/s', 'rpm', 'rev/s', 'arcsec/s')
     for one, other in product((angle,) if angle else _ANGLES, speeds):
         ratio = conversion(other, 'velocity').factor / conversion(one, 'position').factor
         if 1 / _ALIKE < found.slope * ratio < _ALIKE:

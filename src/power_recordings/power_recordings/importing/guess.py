@@ -34,7 +34,7 @@ _OF_ODRIVE: Final = r'(^|_)(fet_temp|fet_thermistor)|(pos|vel)_estimate'
 _POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is known by
 _WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
-_TURNED: Final = 'sign by physics: power falls as torque × speed rises'
+_TURNED: Final = 'sign by physics: else power falls as torque × speed rises, or losses give power'
 _NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
 _ALONG: Final = (
     '    # velocity: {{from: {}, scale: {:.4g}, unit: rad/s}}   # along the ground: scale over '
@@ -285,7 +285,7 @@ class _Drive:
     def _turned(self, what: str, taken: CandidateColumn) -> bool:
         """Tell whether physics shows a column to count the other way."""
         choice = self.choice
-        if choice is None or choice.turned != what:
+        if choice is None or choice.turned not in (what, 'both'):
             return False
         return taken == choice.torque if what == 'torque' else taken in choice.meter
 

@@ -42,6 +42,8 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
         parts = [*((d, '') for d in dates), (clock, ''), *((m, 'ms') for m in milli)]
         if len(parts) > 1:
             return _added(parts, 'parts of a time, added')
+        if not times:
+            return f'time: {{column: {yaml_text(clock.column.address)}}}   # times of day'
     motion = [c for c in found if c.quantity in MECHANICAL]
     if not times and motion and all(map(_follow, motion)):
         return (

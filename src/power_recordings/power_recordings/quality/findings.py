@@ -44,6 +44,7 @@ class Finding:
 
 _OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
 _FED: Final = -0.1  # of the power (rms), losses below which no offset of a meter explains
+_TORQUE: Final = 0.75  # of what a sensor or a torque constant says, at least
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
 _HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
@@ -137,6 +138,13 @@ def power_finding(
     beyond = slope > _BEYOND and abs(balance.rubbed / slope - 1) < _RUBBED
     decided |= bool(meaning) and told and balance.share > _HINTED and beyond
     hinted = (told or slope > _BEYOND) and balance.share > _HINTED and slope > _SCALES[1] + margin
+    least = balance.made * (_TORQUE if balance.made > 0.0 else 1 / _TORQUE)
+    if usual and balance.drawn < least + _FED * balance.power:
+        text = (
+            f'{balance.drawn:.3g} W are drawn in the mean and the shaft gives {balance.made:.3g} '
+            'W: are the signs of both torque and power wrong?'
+        )
+        return Finding('power_slope', 'warning', drive, text)
     if not (decided or hinted) or usual:
         return None
     text = f'power grows by {slope:.3g} W with each W of torque × speed'

@@ -67,9 +67,10 @@ class ShaftBalance:
     explains. shaft, power: root mean squares of τω and P, W. rubbed: a beside e·τ·sign(ω), the
     copper loss that friction adds: in slow motion it looks like τω. delayed: a beside e·τ·dτ/dt,
     what a delay between torque and power adds, or a series spring; sprung: the same, NaN if no
-    spring is sure to add it. losses: mean of P − a·τω, W, which is above 0 unless the sign of P is
-    wrong. worn: what the physics of a gear with much friction leaves of P, whose slope is 1, over
-    what it leaves at any slope (`_worn`); infinite where a is not large, or of several drives.
+    spring is sure to add it. made: mean of τω, W. losses: mean of P − a·τω, W, which is above 0
+    unless the sign of P is wrong. worn: what the physics of a gear with much friction leaves of
+    P, whose slope is 1, over what it leaves at any slope (`_worn`); infinite where a is not large,
+    or of several drives.
     """
 
     slope: float
@@ -81,6 +82,7 @@ class ShaftBalance:
     rubbed: float
     delayed: float
     sprung: float
+    made: float
     losses: float
     worn: float
 
@@ -94,6 +96,11 @@ class ShaftBalance:
     def impossible(self) -> bool:
         """True if shaft power exceeds metered power by more than any loss or meter explains."""
         return self.shaft > _IMPOSSIBLE * self.power
+
+    @property
+    def drawn(self) -> float:
+        """Mean of P, W."""
+        return self.losses + self.slope * self.made
 
 
 def power_balance(
@@ -132,6 +139,7 @@ def power_balance(
         float(apart[0]),
         float(beside[0]),
         float(beside[0]) if sprung else np.nan,
+        float(np.mean(shaft)),
         float(np.mean(power - slope * shaft)),
         _worn(power, torque, velocity, others, float(np.var(rest)))
         if slope > _LOSSY and torque.shape[1] == 1
@@ -144,9 +152,9 @@ def _worn(
 ) -> float:
     """Return the variance that P = a·τω + f·ω + k·(τ + f)² + d leaves at a = 1 over the least.
 
-    f = (c + e·|τ|)·sign(ω) + b·ω is the friction of a gear. The winding's current carries it, so that 2·k·b
-    adds to the slope of τω. linear: factors of τ², |ω| and 1 in P = a·τω + …, which leaves the
-    variance rest, W².
+    f = (c + e·|τ|)·sign(ω) + b·ω is the friction of a gear. The winding's current carries it, so
+    that 2·k·b adds to the slope of τω. linear: factors of τ², |ω| and 1 in P = a·τω + …, which
+    leaves the variance rest, W².
     """
     thin = slice(None, None, -(-len(power) // _WORN_ROWS))
     power, torque, velocity = power[thin], torque[thin, 0], velocity[thin, 0]

@@ -246,8 +246,8 @@ def sniff(path: Path) -> TableDialect:
     longest = max(sizes, default=0)
     for delimiter in _DELIMITERS:
         rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
-        above = [_split(lines[i].lstrip().lstrip('#%/'), delimiter) for i in comments if i < begin]
-        head = find_head(rows, above)
+        notes = [lines[i].lstrip().lstrip('#%/') for i in comments if i < begin]
+        head = find_head(rows, [row for n in notes for row in (_split(n, delimiter), n.split())])
         if head is None or len(head.names) < 2:
             continue
         values = rows[head.first_row : head.first_row + 50]

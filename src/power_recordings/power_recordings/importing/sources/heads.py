@@ -42,6 +42,7 @@ _TIME = ('t', 'time', 'zeit')  # what is in `t/s`, where others are rates
 _OVER_UNIT = re.compile(r'(?:[^:]*[_ .])?([^\W_]+)\s*/\s*([^/:\d][^/:]*)')
 _COUNTS = re.compile(r'(?i)(.*[^a-z])?(n|w|.*(speed|vel|omega|drehzahl))')  # what 1_min is of
 _FORCES = ('N', 'mN', 'cN', 'kN', 'kgf', 'ozf', 'lbf', 'oz', 'lb')
+_NOTE = re.compile(r'\s+\(.*\)$')  # behind a unit, as in `deg (0..360)`
 _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 
 
@@ -108,13 +109,16 @@ def find_head(
     units = [''] * width
     while len(above) > 1 and ((own := _all_units(above[-1])) or not any(map(_is_name, above[-1]))):
         row = above.pop()
-        units = [field.strip().strip('[]()') for field in row] if own else units
+        units = [_NOTE.sub('', field).strip().strip('[]()') for field in row] if own else units
     unfit = 0
     if not above and first and len(rows[first - 1]) >= max(2, _LIKE_A_HEAD * width):
         unfit = len(rows[first - 1])
     fullest = max(above, key=lambda row: sum(map(_is_name, row)), default=None)
     names = fullest or [f'column{i}' for i in range(1, width + 1)]
     units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
+    for note in notes:
+        if [_IN_BRACKETS.sub('', field).strip() for field in note] == [n.strip() for n in names]:
+            units = [unit or unit_of(field) for unit, field in zip(units, note, strict=True)]
     return Head(unique(names), tuple(units), first, unfit)
 
 
@@ -152,7 +156,7 @@ def unit_of(name: str) -> str:
         return both
     if ending in _WORDS or (not before and name.lower() not in _UNITS_THAT_ARE_NAMES):
         return ''
-    return ending if len(ending) <= 5 and not ending.isdigit() and is_unit(ending) else ''
+    return ending if len(ending) <= 6 and not ending.isdigit() and is_unit(ending) else ''
 
 
 def _of_two_words(before: Sequence[str], ending: str) -> str | None:
