@@ -15,9 +15,9 @@ _RUNG: Final = 2.0  # s
 
 
 class Oscillation:
-    """Sine of `frequency` (Hz), or a chirp from `lowest` to it within `seconds`.
+    """Sine of `frequency` (Hz), or an exponential chirp from `lowest` to it within `seconds`.
 
-    It fades in and out within a period, unless it is abrupt.
+    Values are −1 to 1. It fades in over its first period and out over its last, unless abrupt.
     """
 
     def __init__(self, frequency: float, seconds: float, lowest: float, abrupt: bool) -> None:

@@ -102,7 +102,7 @@ class WalkingEnvironment:
 
     @property
     def walking(self) -> Bools:
-        """True where the command is to move [N]."""
+        """True where the command, or the limited one that follows it, is to move [N]."""
         # a command that reverses crosses zero only in the limited one, so both count
         both = np.stack([self.limiter.values, self.commands.values])
         return np.asarray((np.linalg.norm(both, axis=2) >= DEAD_ZONE).any(axis=0))

@@ -111,7 +111,7 @@ def score_walk(
     the drives' meters, `idle` the drives at rest, and each joint type that of its four drives
     beyond that. power_interval_w: 90 % of the means over this walk. estimated_w: by the first
     model, for the drives with the electronics measured; estimates has all models by joint type.
-    None where nothing was steady.
+    Where nothing was steady, power and tracking are None or empty, and estimates are left out.
     """
     steady, command = walk.steady, walk.task.command
     entry: dict[str, Any] = {

@@ -85,7 +85,10 @@ def values_of(point: Point, actives: Sequence[Active]) -> Floats:
 def cells(
     meter: MeterProblem, columns: EffectColumns, known: Sequence[str]
 ) -> tuple[list[Cell], int]:
-    """Solve a linearised set at all sizes, at the best delay."""
+    """Solve a linearised set at the prior sizes that count, at the best delay, and its place.
+
+    A size of the discrepancy counts within _NEGLIGIBLE of the best; known: effects of the model.
+    """
     actives = columns.actives
     signed = signs(actives)
     names = [a.name for a in actives for _ in a.effect.terms]

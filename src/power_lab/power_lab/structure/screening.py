@@ -29,7 +29,7 @@ _SMOOTHING = (1e-3, 1e-1, 10.0)
 
 @dataclass(frozen=True)
 class DriverGain:
-    """Held-out gains of one family on one drive, W² by row."""
+    """Held-out gain of one family of regressors on one drive, W² in the mean of its rows."""
 
     family: Family
     gain: float

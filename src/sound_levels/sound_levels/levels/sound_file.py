@@ -63,7 +63,11 @@ class SoundFile:
         return self.frames / self.rate
 
     def blocks(self) -> Iterator[Floats]:
-        """Yield samples [N, channels], full scale 1; InputError for NaN or an unreadable file."""
+        """Yield samples [N, channels], full scale 1, and count frames and clipped samples.
+
+        Damage behind the first frames ends it with a warning. InputError for NaN, or a file of
+        which nothing can be read.
+        """
         bits = _BITS.get(self.subtype)
         top = 1.0 if bits is None else 1.0 - 1.5 / 2.0 ** (bits - 1)
         try:

@@ -20,7 +20,10 @@ def _flow(signals: Signals, bridge: float = 0.0) -> Floats:
 
 
 def returned_shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
-    """Return what each drive returns, the sum of that, and the net power that is blocked, W."""
+    """Return, in W, what each drive returns [T, D], the sum of that, and what is blocked [T, 1].
+
+    Both of these count the other drives of the bus. Blocked is the net power that flows back.
+    """
     returned = np.maximum(0.0, -signals.drawn)
     total = returned.sum(axis=1, keepdims=True)
     drawn = signals.drawn.sum(axis=1, keepdims=True)
