@@ -120,13 +120,20 @@ class Session:
         less = refitted(self.judge, model, left, name or model.name, **how)
         return self._with(less.with_history(*model.history, *less.history))
 
-    def compare(self, *specs: str) -> Comparison:
-        """Compare the model, if there is one, with others: files, `ppn:RUN` or proxies by name."""
-        others = [load_model(spec, self.judge.catalogue) for spec in specs]
-        own = [] if self.given is None else [self.given]
-        return comparison(
-            self.judge, [*own, *others], [*[self.spec or m.name for m in own], *specs]
-        )
+    def compare(self, *others: 'str | PowerModel | Session') -> Comparison:
+        """Compare the model, if there is one, with others.
+
+        others: files, `ppn:RUN`, proxies by name, models, or sessions (their models).
+        """
+        models = [] if self.given is None else [self.given]
+        specs = [self.spec or model.name for model in models]
+        for other in others:
+            given = other.model if isinstance(other, Session) else other
+            models.append(
+                load_model(given, self.judge.catalogue) if isinstance(given, str) else given
+            )
+            specs.append(given if isinstance(given, str) else given.name)
+        return comparison(self.judge, models, specs)
 
     def budget(
         self,

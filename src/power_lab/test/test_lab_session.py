@@ -32,7 +32,7 @@ def test_the_lines_of_the_readme_run(monkeypatch, capsys):
     sentence, first, last = capsys.readouterr().out.splitlines()
     assert sentence.startswith(
         'The series spring and rotor inertia are missing: '
-        'with them the held-out error falls from 31.69 to 17.79 W'
+        'with them the held-out error falls from 31.69 to 17.78 W'
     )
     assert first.split() == ['31.69', 'W', 'fit']
     error, step = last.split(' W  ')
@@ -94,6 +94,23 @@ def test_the_staircase_has_the_figures_of_a_comparison(lab):
     assert stairs.errors == pytest.approx([lab.score.rms_w, compared[0].rms_w], abs=1e-6)
     assert stairs.steps == ('fit', 'load_friction')
     assert stairs.figure()['data'][0]['x'] == ['fit', 'load_friction']
+
+
+def test_sessions_and_models_are_compared_as_files_are(lab):
+    better = lab.add('load_friction')
+    by_session, by_model = (lab.compare(other).models for other in (better, better.model))
+    assert [one.rms_w for one in by_session] == [lab.score.rms_w, better.score.rms_w]
+    assert [one.rms_w for one in by_model] == [one.rms_w for one in by_session]
+
+
+def test_a_printed_model_has_a_line_with_unit_and_interval_for_each_coefficient(lab):
+    first, *rest = str(lab.model).splitlines()
+    assert first == f'model: {", ".join(lab.effects.effects)}'
+    group = lab.effects.groups[0]
+    value = group.coefficients['copper_loss'][0]
+    line = next(line for line in rest if line.startswith(f'{group.type.name}  copper_loss'))
+    assert f'k = {value.value:.3g} (' in line
+    assert 'W/(N·m)²' in line
 
 
 def test_a_saved_model_is_loaded_and_judged_alike(lab, tmp_path):

@@ -153,6 +153,19 @@ class EffectModel:
     prior: Prior = field(default_factory=dict)  # where its coefficients were expected
     base_model: PowerModel | None = field(default=None, compare=False)
 
+    def __str__(self) -> str:
+        lines = [f'{self.name}: {", ".join(self.effects)}']
+        for group in self.groups:
+            for active in self.structure.free:
+                own = group.coefficients.get(active.name, ())
+                for term, one in zip(active.effect.terms, own, strict=False):
+                    low, high = one.interval
+                    bounds = f'({low:.3g} … {high:.3g}) {term.unit}'
+                    at = f', at its {one.at_bound} bound' if one.at_bound else ''
+                    what = f'{group.type.name}  {active.name}  {term.symbol}'
+                    lines.append(f'{what} = {one.value:.3g} {bounds}{at}')
+        return '\n'.join(lines)
+
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the active effects."""
