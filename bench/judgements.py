@@ -18,6 +18,8 @@ from power_estimator.posterior.summary import MeterSummary
 from power_recordings.alignment.dataset import AlignedDataset
 
 LEVELS = (0.5, 0.8, 0.95)
+OR = ' or '
+"""Between effects of which one is missing."""
 
 
 class Interval(NamedTuple):
@@ -36,6 +38,7 @@ class Judgement:
 
     statements: probabilities that the model lacks an effect of the catalogue, or an error of the
     measurement (torque_scale, power_gain, current_offset, torque_bias); 0 for those not named.
+    Effects with OR between them: that one of them is missing.
     """
 
     statements: Mapping[str, float]
@@ -65,7 +68,11 @@ def diagnosed(data: AlignedDataset, known: Sequence[str], window: float = 0.0) -
     found = judged_effects(prepared, given.structure(actives).actives, catalogue)
     named = ' '.join(sorted(active.name for active in found.named))
     return Judgement(
-        {**found.probability, **found.scales},
+        {
+            **found.probability,
+            **found.scales,
+            **{OR.join(one.names): one.probability for one in found.undecided},
+        },
         [
             interval
             for name, one in zip(prepared.names, found.meters, strict=True)

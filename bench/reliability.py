@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from drive_logs import log_questions, metered, rms
+from judgements import OR
 from lab_scenarios import blind_questions
 from reliability_questions import Question, plant_questions, robot_questions
 from rich.console import Console
@@ -54,8 +55,10 @@ def said(rows: Iterable[Row]) -> Iterator[tuple[Row, str, float, bool]]:
     """Yield statements whose truth is known: row, effect, probability and whether it is true."""
     for row in rows:
         for effect, probability in row.get('statements', ()):
-            if effect in row['missing'] or row['complete'] or effect in row['impossible']:
-                yield row, effect, probability, effect in row['missing']
+            one_of = set(effect.split(OR))
+            true = not one_of.isdisjoint(row['missing'])
+            if true or row['complete'] or one_of <= set(row['impossible']):
+                yield row, effect, probability, true
 
 
 def covered(rows: Iterable[Row]) -> Iterator[tuple[Row, str, float, bool]]:
@@ -153,7 +156,9 @@ def beside_hidden(rows: Sequence[Row]) -> Table:
             for row in rows
             if row['family'] == family and row['hidden']
             for effect, probability in row['statements']
-            if effect not in MEASUREMENT and probability >= 0.95 > stated.get(effect, 0.0)
+            if OR not in effect
+            and effect not in MEASUREMENT
+            and probability >= 0.95 > stated.get(effect, 0.0)
         ]
         table.add_row(family, str(sum(new)), str(len(new) - sum(new)))
     return table
@@ -189,7 +194,7 @@ def _left_alone(rows: Iterable[Row]) -> Iterator[bool]:
     for row in rows:
         if row['complete'] and not row['hidden']:
             names = {effect for effect, probability in row['statements'] if probability >= 0.95}
-            yield names <= set(row['missing'])
+            yield all(set(name.split(OR)) & set(row['missing']) for name in names)
 
 
 def tables(rows: Sequence[Row]) -> list[Table]:

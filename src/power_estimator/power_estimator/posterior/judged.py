@@ -43,6 +43,14 @@ class JudgedEffect:
 
 
 @dataclass(frozen=True)
+class OneOfSeveral:
+    """Effects of which the recording does not tell the one that is missing."""
+
+    names: tuple[str, ...]  # the most probable first
+    probability: float  # that one of them is
+
+
+@dataclass(frozen=True)
 class JudgedEffects:
     """Probabilities that effects are missing, and what each meter's posterior says."""
 
@@ -53,6 +61,7 @@ class JudgedEffects:
     added: tuple[Active, ...]  # and what the most probable set has beside them
     meters: tuple[MeterSummary, ...]
     left_w: float  # rms of the discrepancy
+    undecided: tuple[OneOfSeveral, ...] = ()  # with certainty
 
     @property
     def probability(self) -> Mapping[str, float]:
@@ -148,7 +157,10 @@ def judged_effects(
     added = tuple(search.actives[i] for i in sorted(new))
     any_missing = _any_missing(search, candidates, added, expected)
     scales = _scales(search, chosen, meters, in_set, candidates)
-    return JudgedEffects(candidates, any_missing, scales, known_now, added, tuple(meters), left)
+    undecided = _undecided(search, in_set)
+    return JudgedEffects(
+        candidates, any_missing, scales, known_now, added, tuple(meters), left, undecided
+    )
 
 
 def _orders(
@@ -221,6 +233,21 @@ def _instead(search: EffectSearch, in_set: Sequence[InSet]) -> Mapping[str, floa
             name = search.names[other.effect]
             found[name] = max(found.get(name, 0.0), one.probability(other))
     return found
+
+
+def _undecided(search: EffectSearch, in_set: Sequence[InSet]) -> tuple[OneOfSeveral, ...]:
+    """Return effects of the set that are not certain, with those in their place that may be."""
+    found = []
+    for one in in_set:
+        likely = {search.names[one.place]: float(expit(one.log_odds))}
+        for other in one.stand_ins:
+            if (probability := one.probability(other)) >= _WEIGHS:
+                likely[search.names[other.effect]] = probability
+        total = sum(likely.values())
+        if max(likely.values()) < NAMED <= total and len(likely) > 1:
+            names = sorted(likely, key=lambda name: -likely[name])
+            found.append(OneOfSeveral(tuple(names), total))
+    return tuple(found)
 
 
 def _in_order(candidates: Sequence[JudgedEffect]) -> tuple[JudgedEffect, ...]:
