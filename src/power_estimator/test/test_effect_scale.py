@@ -10,6 +10,7 @@ from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 from power_estimator.effects.training import fit_model, material
 from power_estimator.posterior.intervals import posterior_draws
+from power_estimator.posterior.judged import judged_effects
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
@@ -258,3 +259,17 @@ def test_a_flywheel_that_hardly_loads_its_motor_is_as_large_as_its_power():
     # Its largest torque is some 0.3 N·m; 40 N·m at 600 rad/s would be 24 kW.
     assert scale.torque == pytest.approx(0.3 / 40.0, rel=0.5)
     assert scale.power * 320.0 < 500.0  # W
+
+
+def test_drag_in_proportion_to_speed_is_friction_or_iron_loss_and_one_of_them_is_missing():
+    """What tells them apart is the copper loss of friction's torque, 2 % of the drag here."""
+    data = turning(6.0, 8.0, copper=0.002, idle=5.0)
+    data = replace(data, power=data.power + np.float32(0.5) * np.square(data.velocity))
+    given = material(data, per='drive')
+    known = [Active.of(CATALOGUE[name]) for name in ('shaft', 'copper_loss', 'idle')]
+    found = judged_effects(given.prepared, given.structure(known).actives, CATALOGUE)
+    assert found.named == ()
+    (both,) = found.undecided
+    assert set(both.names) == {'viscous_friction', 'iron_loss'}
+    assert both.probability > 0.95
+    assert both.probability == pytest.approx(sum(found.probability[n] for n in both.names))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.judged import OneOfSeveral
 from power_estimator.posterior.sensors import LOOPS, SENSORS
 from power_lab.diagnose.findings import Diagnosis, Residual, certainty, rounded_down
 from power_lab.diagnose.measurement import MeasurementTerm
@@ -17,6 +18,7 @@ from power_lab.diagnose.verdict import (
     to_add,
     to_do,
     to_learn,
+    undecided,
 )
 
 CATALOGUE = builtin_catalogue()
@@ -119,6 +121,18 @@ def test_names_come_before_what_stays_where_that_is_less_than_half():
     )
     assert 'Of 0.40 W of held-out error 0.30 W rms stays unexplained' in remainder(found, 0.4)
     assert remainder(found, 0.301) == 'All 0.30 W of held-out error stay unexplained.'
+
+
+def test_effects_of_which_one_is_missing_are_told_beside_a_name():
+    found = diagnosis(left_of(0.3, 9.0), {'spring': 0.98}, any_missing=0.99, named=('spring',))
+    found.found.undecided = [OneOfSeveral(('viscous_friction', 'iron_loss'), 0.987)]
+    assert undecided(found) == [
+        'Viscous friction or iron loss is missing, too (probability 0.98); '
+        'these recordings do not tell which.'
+    ]
+    alone = diagnosis(left_of(0.3, 9.0), {'spring': 0.6}, any_missing=0.99)
+    alone.found.undecided = found.found.undecided
+    assert undecided(alone) == []  # its sentence names what may be missing
 
 
 @pytest.mark.parametrize('after', [0.79, 0.85])

@@ -22,7 +22,14 @@ from power_lab.diagnose.diagnosis import diagnosed
 from power_lab.diagnose.findings import Diagnosis, rounded_down, short
 from power_lab.diagnose.measurement import MeasurementTerm, measurement_terms
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.verdict import remainder, sentence, to_add, to_do, to_learn
+from power_lab.diagnose.verdict import (
+    remainder,
+    sentence,
+    to_add,
+    to_do,
+    to_learn,
+    undecided,
+)
 from power_lab.structure.words import in_words
 
 
@@ -147,7 +154,8 @@ class Outcome:
         """
         left = remainder(self.diagnosis, self._errors[1])
         next_step = to_do(self.diagnosis, *self._errors)
-        first = [one for one in (self.headline, self.sentence, left, next_step) if one]
+        verdict = [self.headline, self.sentence, *undecided(self.diagnosis), left, next_step]
+        first = [one for one in verdict if one]
         matter = [term for term in self.measurement.values() if term.matters]
         matter.sort(key=lambda term: -term.watts)
         return list(dict.fromkeys([*first, *(term.sentence for term in matter)]))
@@ -202,6 +210,10 @@ class Outcome:
             'notes': self.notes,
             'effects': list(d.effects),
             'any_missing': rounded_down(d.found.any_missing, 4),
+            'undecided': [
+                {'effects': list(one.names), 'probability': rounded_down(one.probability, 4)}
+                for one in d.found.undecided
+            ],
             'active': list(self.model.effects),
             'measurement': {name: term.json() for name, term in self.measurement.items()},
             'candidates': [one.json() for one in d.candidates],

@@ -124,6 +124,19 @@ def remainder(diagnosis: Diagnosis, after: float) -> str:
     return f'Of {whole} of held-out error {stays} rms stays unexplained{over}{told}.'
 
 
+def undecided(diagnosis: Diagnosis) -> list[str]:
+    """Return a sentence for each set of effects of which one is missing beside those named."""
+    if diagnosis.verdict != 'named':
+        return []
+    told = []
+    for one in diagnosis.found.undecided:
+        names = ' or '.join(in_words(name) for name in one.names)
+        sure = certainty(one.probability)
+        text = f'{names} is missing, too (probability {sure}); these recordings do not tell which.'
+        told.append(text[:1].upper() + text[1:])
+    return told
+
+
 def to_add(diagnosis: Diagnosis, before: float, after: float) -> tuple[str, ...]:
     """Return the effects to add: those named, unless held-out data does not bear them out.
 
