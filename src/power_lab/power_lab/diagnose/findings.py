@@ -72,7 +72,7 @@ class Candidate:
         unit = '' if self.unit == '1' else f' {self.unit}'
         low, high = self.interval
         own = f'{self.symbol} = {self.coefficient:.3g}{unit} ({low:.3g} … {high:.3g})'
-        return self.owners_terms or own
+        return (self.owners_terms or own) + (', at its bound' if low == high else '')
 
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `diagnose --json` writes them."""

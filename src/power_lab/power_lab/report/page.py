@@ -195,7 +195,8 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     rows = diagnosis.candidates
     page.text(
         'Watts that each effect explains and no effect of the model can, with the probability '
-        'that it is missing. Coloured bars are plausible; grey ones are improbable.'
+        'that it is missing. Coloured bars are plausible; grey ones are improbable. Share: of what '
+        'the model misses, where the effect is added alone.'
     )
     shown = rows[:10]
     page.add(
@@ -210,8 +211,8 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     )
     page.table(
         [
-            *('effect', 'probability', 'explains', '95 % interval', 'share of what is missed'),
-            *('error falls by', 'coefficient (95 %)', 'of drive'),
+            *('effect', 'probability', 'explains', '95 % interval', 'share', 'error falls by'),
+            'coefficient (95 %)',
         ],
         [
             [
@@ -221,8 +222,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
                 f'{row.explains[0]:.2f} … {row.explains[2]:.2f} W',
                 f'{row.share:.0%}',
                 f'{row.delta_rmse_w:.3f} W',
-                row.in_words,
-                row.drive,
+                f'{row.drive}: {row.in_words}',
             ]
             for row in rows
         ],
