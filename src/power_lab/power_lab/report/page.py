@@ -195,8 +195,8 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     rows = diagnosis.candidates
     page.text(
         'Watts that each effect explains and no effect of the model can, with the probability '
-        'that it is missing. Coloured bars are plausible; grey ones are improbable. Share: of what '
-        'the model misses, where the effect is added alone.'
+        'that it is missing. Coloured bars are plausible; grey ones are improbable. Share: of '
+        'what the model misses, where the effect is added alone.'
     )
     shown = rows[:10]
     page.add(
