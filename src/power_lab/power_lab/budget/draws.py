@@ -59,7 +59,8 @@ def coefficient_draws(
     stored = [[v for active in free for v in group.coefficients[active.name]] for group in members]
     point = np.zeros((len(prepared.names), len(structure.labels)))
     for drive, values in enumerate(stored):
-        share = np.concatenate([share_of(active.effect, prepared, drive) for active in free])
+        shares = [share_of(active.effect, prepared, drive) for active in free]
+        share = np.concatenate([np.empty(0), *shares])
         used = share > 0.0
         columns = [
             column_of(structure, active.name, names[drive], term)
@@ -67,7 +68,7 @@ def coefficient_draws(
             for term in range(len(active.effect.terms))
         ]
         meter = 0 if prepared.whole else drive
-        point[meter, np.array(columns)[used]] = ([v.value for v in values] / share)[used]
+        point[meter, np.array(columns, np.intp)[used]] = ([v.value for v in values] / share)[used]
     if not judge.refits(model) or model.base is not None or model.prior:
         drawn = np.stack([_from_intervals(own, count, random) for own in stored], axis=1)
         none = np.empty((len(point), 0))

@@ -138,15 +138,8 @@ def power_finding(
     beyond = slope > _BEYOND and abs(balance.rubbed / slope - 1) < _RUBBED
     decided |= bool(meaning) and told and balance.share > _HINTED and beyond
     hinted = (told or slope > _BEYOND) and balance.share > _HINTED and slope > _SCALES[1] + margin
-    least = balance.made * (_TORQUE if balance.made > 0.0 else 1 / _TORQUE)
-    if usual and balance.drawn < least + _FED * balance.power:
-        text = (
-            f'{balance.drawn:.3g} W are drawn in the mean and the shaft gives {balance.made:.3g} '
-            'W: are the signs of both torque and power wrong?'
-        )
-        return Finding('power_slope', 'warning', drive, text)
     if not (decided or hinted) or usual:
-        return None
+        return _gain_finding(drive, balance, usual)
     text = f'power grows by {slope:.3g} W with each W of torque × speed'
     rubs = slope > _SCALES[1] and _USUAL[0] < balance.rubbed < _USUAL[1]
     if decided and meaning and not rubs:
@@ -161,6 +154,16 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text, mend)
     text += ', not by about 1: a gear between, or two units at once? Check those of torque, speed'
     return Finding('power_units', 'error', drive, f'{text}, voltage and current.')
+
+
+def _gain_finding(drive: str, balance: ShaftBalance, usual: bool) -> Finding | None:
+    """Return a warning where a shaft gives more than its drive draws, in the mean."""
+    least = balance.made * (_TORQUE if balance.made > 0.0 else 1 / _TORQUE)
+    if balance.drawn >= least + _FED * balance.power:
+        return None
+    wrong = 'are the signs of both torque and power' if usual else 'is a sign or a unit'
+    text = f'{balance.drawn:.3g} W are drawn in the mean and the shaft gives {balance.made:.3g} W'
+    return Finding('power_slope', 'warning', drive, f'{text}: {wrong} wrong?')
 
 
 def drive_findings(names: Sequence[str], found: DriveSlopes, card: Card) -> list[Finding]:
