@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing.origin import check_energy, recognise
+from power_recordings.quality.physics import velocity_slope
 from power_recordings.reading.reader import Recording
 from real_logs import REAL
 from table_log import csv
@@ -398,3 +399,34 @@ def test_units_of_a_comment_that_repeats_the_names_and_before_a_note_are_read(tm
     )
     assert main([str(log), '--list']) == 0
     assert '{from: q, unit: deg}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('head', 'line'),
+    [
+        ('t,drum_rpm,I_motor,U_source,I_source', 'torque: {from: I_motor, unit: A'),
+        ('t,drum_rpm,I_motor,U_source,I_source', 'current: {from: I_source'),
+        ('sec,car_rpm,motor_A,drive_W,x', 'torque: {from: motor_A, unit: A'),
+        ('ms,finger_rpm,tau_mNm,p_mW,x', 'power: {from: p_mW, unit: mW'),
+        ('ms,finger_rpm,tau_mNm,p_mW,x', 'time: {column: ms, unit: ms}'),
+        ('t,dq_L,tau_L,pow_L,x', 'power: {from: pow_L'),
+        ('t,n_rpm,revs,T_mNm,Pdc', 'position: {from: revs'),
+        ('# a valve, on a stand, at 100 Hz, without time, 2 kg\n#pos,speed_rpm,stem_Nm,P_mW,x',
+         'torque: {from: stem_Nm, unit: Nm'),
+    ],
+)  # fmt: skip
+def test_columns_of_a_motors_current_of_power_time_and_turns_are_known(
+    tmp_path, capsys, head, line
+):
+    turns = np.cumsum(SPEED) / 6000.0
+    columns = np.stack([np.arange(len(T)) + 200.0, SPEED, turns, 48 + NOISE, SHAFT + 9], axis=1)
+    log = tmp_path / 'log.csv'
+    log.write_text('\n'.join([head, *(','.join(f'{x:.5f}' for x in row) for row in columns)]))
+    assert main([str(log), '--list']) == 0
+    assert line in capsys.readouterr().out
+
+
+def test_a_wrapped_angle_and_its_rate_agree():
+    angle = np.cumsum(SPEED) * 2 * np.pi / 60 / 100
+    found = velocity_slope(T, np.mod(3.0 * angle, 2 * np.pi), 3.0 * SPEED * 2 * np.pi / 60)
+    assert found.slope == pytest.approx(1.0, abs=0.01)

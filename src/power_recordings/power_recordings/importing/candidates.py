@@ -41,7 +41,7 @@ _OTHER = (
 _RULES: Final = (
     (
         'time',
-        r'^(t|ms_\w+|millis|micros|ticks?|\w*time(_?stamp)?|stamp|seconds|secs?|elapsed\w*)'
+        r'^(t|ms|us|sec|ms_\w+|millis|micros|ticks?|\w*time(_?stamp)?|stamp|seconds|secs?|elapsed\w*)'
         r'(_?(s|ms|us|ns|sec|min))?$',
     ),
     (
@@ -90,17 +90,17 @@ _RULES: Final = (
         'winding',
         r'(q_?(axis_)?current|(^|_)q_axis(_|$)|(^|_)iq|i_?q(_|$)|winding_current|phase_current)',
     ),
-    ('winding', r'motor_?current|current_?motor(_|$)'),
+    ('winding', r'motor_?current|current_?motor(_|$)|(^|_)i_?mot(or)?(_|$)|(^|_)motor_a$'),
     ('winding', r'(actual|joint|measured|present).*current|current.*(actual|measured|present)'),
     ('winding', r'(^|_)i_?rms(_|$)'),
     ('voltage', r'volt|(^|_)[uv](_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
-    ('power', _WATTS),
+    ('power', rf'{_WATTS}|(^|_)pow(_|$)'),
     ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
     ('position', r'(pos|angle|theta|(^|_)q(_|$)|^phi(_|$))'),
     ('torque', r'^m(_|$)'),
     ('velocity', r'^n(_[a-z]+)?$|(^|_)rate(_|$)'),
-    ('position', r'(^|_)(ang|enc|encoder)(_|$)'),
+    ('position', r'(^|_)(ang|enc|encoder)(_|$)|^revs?$'),
 )
 _LETTER_P: Final = r'(?<![A-Za-z])P(?![A-Za-z])'  # a power beside q, dq and tau of its drive
 _TIMED: Final = r'_t(_(s|ms|us|ns))?$'  # behind a group's name, of a column that rises
@@ -217,7 +217,8 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     if still and not (np.isfinite(item.low) and item.low != 0):
         return None
     unit = column.unit or unit_of(column.address)
-    name = words(_stem(column.address) if '/' in column.address + unit else column.address)
+    apart = '/' in column.address + unit or 'power' in quantities_of(unit)  # p_mW is no p_m
+    name = words(_stem(column.address) if apart else column.address)
     beside = {re.sub(_LETTER_P, symbol, column.address) for symbol in ('q', 'dq', 'tau', 'M')}
     if column.address not in beside and len(beside & names) > 2:
         name = 'power'

@@ -13,6 +13,7 @@ _ROWS = 100_000  # of a fit of many drives
 _BLOCKS = 30  # of time, whose remainders tell the error of a slope
 _CERTAIN = 4  # standard errors
 _ALIKE = 20  # samples in a row that count as one
+_TURN = 2.001 * np.pi  # rad, of an encoder that counts no turns
 _FREE = 1e-4  # of the variance of τω, that no other term has
 _RATE_OVER = 0.02  # s to either side, that a torque's rate is taken over: its noise is then small
 _BESIDE = 1.5  # times by which the copper loss that friction adds may change a slope that is sure
@@ -39,6 +40,8 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
     time, position, velocity = time[good], position[good], velocity[good]
     if len(time) < _ENOUGH:
         return None
+    if np.ptp(position) <= _TURN:
+        position = np.unwrap(position)
     period = float(np.median(np.diff(time)))
     span = max(1, round(0.05 / max(period, 1e-6)))
     step = time[2 * span :] - time[: -2 * span]

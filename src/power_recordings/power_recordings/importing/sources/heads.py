@@ -113,7 +113,8 @@ def find_head(
     unfit = 0
     if not above and first and len(rows[first - 1]) >= max(2, _LIKE_A_HEAD * width):
         unfit = len(rows[first - 1])
-    fullest = max(above, key=lambda row: sum(map(_is_name, row)), default=None)
+    order = above[::-1] if above is notes else above  # a title may have as many parts
+    fullest = max(order, key=lambda row: sum(map(_is_name, row)), default=None)
     names = fullest or [f'column{i}' for i in range(1, width + 1)]
     units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
     for note in notes:
