@@ -8,7 +8,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import material
 from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged_effects
-from power_lab.diagnose.diagnosis import _borne_out, diagnosed
+from power_lab.diagnose.diagnosis import _borne_out, _outdone, _possible, diagnosed
 from power_lab.diagnose.findings import certainty
 from power_lab.diagnose.measurement import measurement_terms
 from power_lab.diagnose.verdict import MOST_WORDS, remainder, sentence, to_do
@@ -148,6 +148,27 @@ def test_names_that_lower_no_held_out_error_go_one_by_one_and_of_two_alike_one_s
     assert borne_out(least) == ((), 9.0)
     enough = {names: 9.0 - 1.0 * len(names) for names in alike}
     assert borne_out(enough) == (('spring', 'idle', 'iron_loss'), 6.0)
+
+
+@pytest.mark.parametrize(('share', 'named'), [(0.3, 1), (1.1, 1), (1.5, 0)])
+def test_a_gear_that_would_take_half_as_much_again_as_its_load_is_not_named(share, named):
+    active = Active.of(CATALOGUE['load_friction'])
+    judged = (JudgedEffect(active, 0.99, np.ones(3), 0.3),)
+    meters = (SimpleNamespace(coefficients={'load_friction': np.full((9, 1), share)}),)
+    found = JudgedEffects(judged, 0.99, {}, (), (active,), meters, 1.0)
+    assert len(_possible(found).named) == named
+
+
+def test_an_improbable_effect_that_lowers_the_held_out_error_more_casts_doubt_on_the_only_name():
+    def candidate(name, probability, watts):
+        return SimpleNamespace(name=name, probability=probability, delta_rmse_w=watts)
+
+    iron = candidate('iron_loss', 0.99, 0.7)
+    assert _outdone([iron, candidate('viscous_friction', 0.01, 2.0)], 4.3) == 'iron_loss'
+    assert _outdone([iron, candidate('viscous_friction', 0.4, 2.0)], 4.3) is None  # it is open
+    assert _outdone([iron, candidate('viscous_friction', 0.01, 0.71)], 4.3) is None  # alike
+    both = [iron, candidate('spring', 0.99, 0.1), candidate('viscous_friction', 0.01, 2.0)]
+    assert _outdone(both, 4.3) is None
 
 
 def test_two_hidden_effects_are_both_named():

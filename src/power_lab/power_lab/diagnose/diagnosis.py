@@ -19,10 +19,17 @@ from power_estimator.effects.training import Material
 from power_estimator.judge.estimator import together
 from power_estimator.judge.evidence import Evidence, Examiner
 from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged_effects
-from power_estimator.posterior.priors import OFF
+from power_estimator.posterior.priors import NAMED, OFF
 from wattwalk_core.arrays import Floats
 
-from power_lab.diagnose.findings import LEAST_FALL, Candidate, Diagnosis, Residual, short
+from power_lab.diagnose.findings import (
+    LEAST_FALL,
+    UNLIKELY,
+    Candidate,
+    Diagnosis,
+    Residual,
+    short,
+)
 from power_lab.structure.floors import unseen
 from power_lab.structure.owners_terms import DriveAtWork, in_owners_terms
 
@@ -86,6 +93,7 @@ def _causes(found: JudgedEffects, left: Floats, prepared: Prepared) -> tuple[str
     return tuple(cause if cause == 'time' else f'{cause} of {worst[cause]}' for cause in shown)
 
 
+_BEYOND = 1.25  # times a share, more than errors of sensors make of it
 _TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
 _TIED = 0.998
 """Correlation of what two effects explain above which they are one family here."""
@@ -149,16 +157,48 @@ def diagnosed(
     if delays.any():
         apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
     fits = fits.reshaped(found.known)
-    found, best = _borne_out(found, fits)
+    found, best = _borne_out(_possible(found), fits)
+    candidates = _candidates(found, fits)
+    if (name := _outdone(candidates, float(np.sqrt(fits.base.mean_mse.mean())))) is not None:
+        found, best = found.doubting(name), fits.base
+        doubted = found.probability[name]
+        candidates = tuple(
+            replace(one, probability=doubted) if one.name == name else one for one in candidates
+        )
     return Diagnosis(
         found=found,
         prepared=own.prepared,
         apart=apart,
         base=fits.base,
         best=best,
-        candidates=_candidates(found, fits),
+        candidates=candidates,
         left=residual(found, fits.base, best, own.prepared),
     )
+
+
+def _possible(found: JudgedEffects) -> JudgedEffects:
+    """Doubt named effects that would take more than there is, as a gear 149 % of its load."""
+    for active in found.named:
+        drawn = [meter.coefficients[active.name] for meter in found.meters]
+        most = np.max([np.median(own, axis=0) for own in drawn], axis=0)
+        for value, term in zip(most.tolist(), active.effect.terms, strict=True):
+            if term.unit == '1' and value > _BEYOND * term.upper:
+                found = found.doubting(active.name)
+    return found
+
+
+def _outdone(candidates: Sequence[Candidate], error: float) -> str | None:
+    """Return the only named effect, if an improbable one alone lowers the held-out error more.
+
+    error: of the model, W, of which more by LEAST_FALL counts.
+    """
+    named = [one for one in candidates if one.probability >= NAMED]
+    if len(named) != 1:
+        return None
+    (name,) = named
+    rivals = [one.delta_rmse_w for one in candidates if one.probability < UNLIKELY]
+    least = name.delta_rmse_w + LEAST_FALL * error
+    return name.name if max(rivals, default=-np.inf) > least else None
 
 
 def _apart(fit: Fit) -> dict[str, Floats]:
