@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from power_lab.diagnose.outcome import Outcome
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Session:
     """Recordings, and a model that is worked on; each step returns another session.
 
@@ -40,6 +40,10 @@ class Session:
     judge: Judge
     given: PowerModel | None = None
     spec: str = ''  # file or name of a model that was loaded
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.judge, Judge):
+            raise InputError('a session needs a judge; open recordings with Session.open(FOLDER)')
 
     @classmethod
     def open(
@@ -66,6 +70,8 @@ class Session:
             known = ', '.join(self.given.effects)
         names = ', '.join(one['name'] for one in self.recordings.identities)
         return f'{names}: {known}'
+
+    __repr__ = __str__
 
     @property
     def recordings(self) -> Loaded:
@@ -96,11 +102,11 @@ class Session:
         """Load a model: a file, `ppn:RUN` or the name of a proxy; InputError for another."""
         return replace(self, given=load_model(spec, self.judge.catalogue), spec=spec)
 
-    def fit(self, effects: str | Sequence[str], *, name: str = 'model', **how: Any) -> 'Session':
+    def fit(self, *effects: str | Sequence[str], name: str = 'model', **how: Any) -> 'Session':
         """Fit a model of effects from nothing; how: base, per, seed, prior as in `fitted`."""
         return self._with(fitted(self.judge, self._named(effects), name, **how))
 
-    def add(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
+    def add(self, *effects: str | Sequence[str], name: str = '', **how: Any) -> 'Session':
         """Add effects to the model and refit all; how: per, seed. InputError for one it has."""
         model, new = self.effects, self._named(effects)
         for active in new:
@@ -108,7 +114,7 @@ class Session:
                 raise InputError(f'{active.name!r} is in the model already')
         return self._with(extended(self.judge, model, new, name or model.name, **how))
 
-    def remove(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
+    def remove(self, *effects: str | Sequence[str], name: str = '', **how: Any) -> 'Session':
         """Remove effects from the model and refit; how: per, seed. InputError for one it lacks."""
         model, gone = self.effects, [active.name for active in self._named(effects)]
         for effect in gone:
@@ -188,8 +194,8 @@ class Session:
         write_model(self.effects, Path(path))
         return Path(path)
 
-    def _named(self, effects: str | Sequence[str]) -> list[Active]:
-        texts = [effects] if isinstance(effects, str) else effects
+    def _named(self, effects: Sequence[str | Sequence[str]]) -> list[Active]:
+        texts = [text for one in effects for text in ([one] if isinstance(one, str) else one)]
         return named_effects(texts, self.judge.catalogue)
 
     def _with(self, model: EffectModel) -> 'Session':

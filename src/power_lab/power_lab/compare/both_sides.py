@@ -204,7 +204,7 @@ class _Drive:
         wide = np.ptp(constant.interval) > _SHARP * constant.value
         if constant.value <= 0.0 or wide or self._alone('iw', losses) < _ALONE:
             remark = 'load and speed vary together: the power does not tell Kt'
-            return replace(found, remark=remark)
+            return replace(found, resistance=None, inverter=None, remark=remark)
         return replace(
             found,
             torque_constant=constant,

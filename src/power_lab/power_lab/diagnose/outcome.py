@@ -99,7 +99,7 @@ def judged_steps(
 _MOST_ASKED = 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Outcome:
     """Complete result of a diagnosis."""
 
@@ -114,6 +114,8 @@ class Outcome:
 
     def __str__(self) -> str:
         return '\n'.join(self.lines)
+
+    __repr__ = __str__
 
     @property
     def prepared(self) -> Prepared:

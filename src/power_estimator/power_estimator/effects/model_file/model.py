@@ -136,7 +136,7 @@ class KnownDrives:
     scale: DriveScale
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EffectModel:
     """Active effects and, once fitted, their coefficients by drive type or by drive.
 
@@ -165,6 +165,8 @@ class EffectModel:
                     what = f'{group.type.name}  {active.name}  {term.symbol}'
                     lines.append(f'{what} = {one.value:.3g} {bounds}{at}')
         return '\n'.join(lines)
+
+    __repr__ = __str__
 
     @property
     def effects(self) -> tuple[str, ...]:
