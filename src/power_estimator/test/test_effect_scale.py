@@ -262,7 +262,7 @@ def test_a_flywheel_that_hardly_loads_its_motor_is_as_large_as_its_power():
 
 
 def test_drag_in_proportion_to_speed_is_friction_or_iron_loss_and_one_of_them_is_missing():
-    """What tells them apart is the copper loss of friction's torque, 2 % of the drag here."""
+    """The copper loss of friction's torque tells them apart, and is 2 % of the drag here."""
     data = turning(6.0, 8.0, copper=0.002, idle=5.0)
     data = replace(data, power=data.power + np.float32(0.5) * np.square(data.velocity))
     given = material(data, per='drive')

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing.origin import check_energy, recognise
-from power_recordings.quality.physics import velocity_slope
 from power_recordings.reading.reader import Recording
 from real_logs import REAL
 from table_log import csv
@@ -354,79 +353,3 @@ def test_a_map_over_two_quantities_is_recognised_by_its_head(tmp_path, capsys):
     log = csv(tmp_path / 'map.csv', rows, 'Torque,1000,2000,3000,4000')
     assert main([str(log), '--list']) == 0
     assert 'its head holds numbers' in capsys.readouterr().out
-
-
-def test_a_rate_without_unit_is_in_the_arc_seconds_of_its_position(tmp_path, capsys):
-    rate = 4000.0 * np.sin(0.7 * T)
-    columns = {'unix_time': T, 'az_arcsec': np.cumsum(rate) / 100.0 + 1e5, 'az_rate': rate}
-    columns |= {'az_torque': TORQUE, 'U_supply': 24 + NOISE, 'I_az': 1 + NOISE}
-    recording, lines = guessed(tmp_path, capsys, columns)
-    assert 'unit: arcsec/s' in lines['velocity']
-    moved = recording.joint_states().velocity[:, 0]
-    np.testing.assert_allclose(moved, np.deg2rad(rate / 3600.0), rtol=1e-4, atol=1e-7)
-
-
-def test_both_signs_of_a_brake_are_turned_where_its_losses_would_give_power(tmp_path, capsys):
-    speed = 20.0 + 4.0 * np.sin(0.7 * T)
-    power = -TORQUE * speed + 0.5 * TORQUE**2 + 6.0 + NOISE
-    columns = {'Time (s)': T, 'Spool speed (rad/s)': speed, 'Resisting torque (Nm)': TORQUE}
-    _, lines = guessed(tmp_path, capsys, {**columns, 'DC power returned (W)': -power})
-    assert 'scale: -1' in lines['torque']
-    assert 'positive: fed' in lines['power']
-
-
-def test_a_time_of_day_alone_is_the_time(tmp_path, capsys):
-    text = [
-        f'05:47:{12 + t:05.2f},{n:.3f},{m:.3f}' for t, n, m in zip(T, SPEED, TORQUE, strict=True)
-    ]
-    log = tmp_path / 'log.csv'
-    log.write_text('\n'.join(['clock,FL_rpm,FL_Nm', *text]))
-    assert main([str(log), '--list']) == 0
-    assert 'time: {column: clock}' in capsys.readouterr().out
-
-
-def test_units_of_a_comment_that_repeats_the_names_and_before_a_note_are_read(tmp_path, capsys):
-    rows = [
-        f'{10 * i},{n:.3f},{m:.3f}' for i, (n, m) in enumerate(zip(SPEED, TORQUE, strict=True))
-    ]
-    log = tmp_path / 'log.csv'
-    log.write_text('\n'.join(['% run 18', '% t[ms]  n[rpm]  Q[Nm]', 't,n,Q', *rows]))
-    assert main([str(log), '--list']) == 0
-    text = capsys.readouterr().out
-    assert 'torque: {from: Q, unit: Nm' in text
-    log.write_text(
-        '\n'.join(['t;q;w', 's;deg (0..360);deg/s', *(r.replace(',', ';') for r in rows)])
-    )
-    assert main([str(log), '--list']) == 0
-    assert '{from: q, unit: deg}' in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ('head', 'line'),
-    [
-        ('t,drum_rpm,I_motor,U_source,I_source', 'torque: {from: I_motor, unit: A'),
-        ('t,drum_rpm,I_motor,U_source,I_source', 'current: {from: I_source'),
-        ('sec,car_rpm,motor_A,drive_W,x', 'torque: {from: motor_A, unit: A'),
-        ('ms,finger_rpm,tau_mNm,p_mW,x', 'power: {from: p_mW, unit: mW'),
-        ('ms,finger_rpm,tau_mNm,p_mW,x', 'time: {column: ms, unit: ms}'),
-        ('t,dq_L,tau_L,pow_L,x', 'power: {from: pow_L'),
-        ('t,n_rpm,revs,T_mNm,Pdc', 'position: {from: revs'),
-        ('# a valve, on a stand, at 100 Hz, without time, 2 kg\n#pos,speed_rpm,stem_Nm,P_mW,x',
-         'torque: {from: stem_Nm, unit: Nm'),
-    ],
-)  # fmt: skip
-def test_columns_of_a_motors_current_of_power_time_and_turns_are_known(
-    tmp_path, capsys, head, line
-):
-    turns = np.cumsum(SPEED) / 6000.0
-    columns = np.stack([np.arange(len(T)) + 200.0, SPEED, turns, 48 + NOISE, SHAFT + 9], axis=1)
-    log = tmp_path / 'log.csv'
-    log.write_text('\n'.join([head, *(','.join(f'{x:.5f}' for x in row) for row in columns)]))
-    assert main([str(log), '--list']) == 0
-    assert line in capsys.readouterr().out
-
-
-def test_a_wrapped_angle_and_its_rate_agree():
-    angle = np.cumsum(SPEED) * 2 * np.pi / 60 / 100
-    found = velocity_slope(T, np.mod(3.0 * angle, 2 * np.pi), 3.0 * SPEED * 2 * np.pi / 60)
-    assert found.slope == pytest.approx(1.0, abs=0.01)
