@@ -2,6 +2,7 @@
 
 import numpy as np
 from power_recordings.commands.arguments import import_logs as main
+from power_recordings.reading.reader import Recording
 
 MAP = """
 format: import/1
@@ -35,3 +36,16 @@ def run(log, mapping, out, *more):
     map_file = out.parent / 'map.yaml'
     map_file.write_text(mapping)
     return main([str(log), '--map', str(map_file), '-o', str(out), *more])
+
+
+def guessed(folder, capsys, columns):
+    log = csv(folder / 'log.csv', np.stack(list(columns.values()), axis=1), ','.join(columns))
+    capsys.readouterr()
+    assert main([str(log), '--list']) == 0
+    text = capsys.readouterr().out
+    (folder / 'map.yaml').write_text(
+        text.replace('# voltage: {value: VOLTS', 'voltage: {value: 48')
+    )
+    assert main([str(log), '--map', str(folder / 'map.yaml'), '-o', str(folder / 'bag')]) == 0
+    lines = [line.strip() for line in text.splitlines() if not line.startswith('#')]
+    return Recording.open(folder / 'bag'), {line.partition(':')[0]: line for line in lines}

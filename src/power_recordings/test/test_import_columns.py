@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.quality.physics import velocity_slope
-from test_import_guess import NOISE, SHAFT, SPEED, TORQUE, T, guessed
+from table_log import guessed
+
+T = np.arange(1200) / 100.0
+SPEED = 30 + 20 * np.sin(0.7 * T)  # rpm
+TORQUE = 3 + 2 * np.cos(1.3 * T)
+SHAFT = TORQUE * SPEED * 2 * np.pi / 60
+NOISE = 0.02 * np.random.default_rng(0).normal(size=T.shape)
 
 
 def test_a_rate_without_unit_is_in_the_arc_seconds_of_its_position(tmp_path, capsys):

@@ -6,26 +6,13 @@ from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing.origin import check_energy, recognise
 from power_recordings.reading.reader import Recording
 from real_logs import REAL
-from table_log import csv
+from table_log import csv, guessed
 
 T = np.arange(1200) / 100.0
 SPEED = 30 + 20 * np.sin(0.7 * T)  # rpm
 TORQUE = 3 + 2 * np.cos(1.3 * T)
 SHAFT = TORQUE * SPEED * 2 * np.pi / 60
 NOISE = 0.02 * np.random.default_rng(0).normal(size=T.shape)
-
-
-def guessed(folder, capsys, columns):
-    log = csv(folder / 'log.csv', np.stack(list(columns.values()), axis=1), ','.join(columns))
-    capsys.readouterr()
-    assert main([str(log), '--list']) == 0
-    text = capsys.readouterr().out
-    (folder / 'map.yaml').write_text(
-        text.replace('# voltage: {value: VOLTS', 'voltage: {value: 48')
-    )
-    assert main([str(log), '--map', str(folder / 'map.yaml'), '-o', str(folder / 'bag')]) == 0
-    lines = [line.strip() for line in text.splitlines() if not line.startswith('#')]
-    return Recording.open(folder / 'bag'), {line.partition(':')[0]: line for line in lines}
 
 
 def test_several_logs_of_the_same_columns_have_one_map(tmp_path, capsys):
