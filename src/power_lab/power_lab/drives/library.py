@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 from power_estimator.effects import builtin_catalogue
-from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
-from power_estimator.effects.signals.scale import VOLTAGE
+from power_estimator.effects.signals.scale import STANDSTILL, VOLTAGE
 from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.schema import Length, Quantity, read, schema
 
@@ -104,11 +104,27 @@ def power_function(drive: LibraryDrive) -> str:
             raise InputError(f'{drive.name}: {active.name} has no form outside of the lab')
         values = [one.value for one in group.coefficients.get(active.name, ())]
         terms.append(f'        {_WATTS[active.name](*values, **active.parameters)}')
+        if active.parameters.get('carried') and drive.card.torque == 'joint':
+            terms += _carried(group, *values)
+    head = 'from math import tanh\n\n\n' if any('tanh(' in term for term in terms) else ''
     return (
-        f'def power(m, w, voltage={group.voltage:.6g}, temperature=25.0):\n'
+        f'{head}def power(m, w, voltage={group.voltage:.6g}, temperature=25.0):\n'
         f'    """W drawn at N·m of the {drive.card.torque} and rad/s of the joint."""\n'
         '    return (\n' + ' +\n'.join(terms) + '\n    )\n'
     )
+
+
+def _carried(group: DriveGroup, h: float, e: float) -> list[str]:
+    """Watts that the winding's current loses for the torque of iron loss, as terms of Python."""
+    torque, speed, *_ = group.scale
+    (copper,) = (one.value for one in group.coefficients['copper_loss'])
+    cost = f'{2.0 * copper:.6g} * m'
+    if 'inverter_loss' in group.coefficients:
+        a, s = (one.value for one in group.coefficients['inverter_loss'])
+        slope = f'({a:.6g} + {s / VOLTAGE:.6g} * voltage)'
+        cost += f' + {slope} * tanh(m / {0.5 * torque:.6g})'
+    sign = f'tanh(w / {STANDSTILL * speed:.6g})'
+    return [f'        ({cost}) * ({h:.6g} * {sign} + {e:.6g} * w)']
 
 
 def exported(drive: LibraryDrive, form: str) -> str:
