@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -72,13 +73,21 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
+@cache
+def _may_raise_priority() -> bool:
+    """Try in another process, as a container's root may lack the right."""
+    there_and_back = 'import os; [os.setpriority(0, 0, os.getpriority(0, 0) + n) for n in (1, -1)]'
+    command = [sys.executable, '-c', there_and_back]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Let live tests go first on the processors: the others take the time in which they wait.
 
-    Only root may raise a priority again; others keep theirs.
+    Where a priority cannot be raised again, all keep theirs.
     """
-    if 'PYTEST_XDIST_WORKER' in os.environ and os.geteuid() == 0:
+    if 'PYTEST_XDIST_WORKER' in os.environ and _may_raise_priority():
         mark = item.get_closest_marker('xdist_group')
         live = mark is not None and mark.args == ('live',)
         os.setpriority(os.PRIO_PROCESS, 0, _OWN + (0 if live else _BEHIND))

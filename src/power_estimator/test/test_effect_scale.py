@@ -119,6 +119,17 @@ def test_a_shaft_that_is_held_still_has_no_scale_of_speed():
     assert prepare(data).signals.scale.of(0)[1] == pytest.approx(top / 8.0, rel=1e-3)
     held = replace(data, velocity=noise.astype(np.float32))
     assert prepare(held).signals.scale.of(0) == REFERENCE
+    sway = 0.01 * np.sin(2 * np.pi * data.time)[:, None]  # 1.6 mrad to either side
+    held = replace(data, velocity=sway.astype(np.float32))
+    assert prepare(held).signals.scale.of(0) == REFERENCE
+
+
+@pytest.mark.parametrize('noise', [0.0, 0.001, 0.003])
+def test_a_slow_drive_has_a_scale_of_speed_whatever_the_noise_of_its_speed(noise):
+    data = turning(15.0, 0.04)
+    more = np.random.default_rng(0).normal(0.0, noise, data.velocity.shape)
+    noisy = replace(data, velocity=(data.velocity + more).astype(np.float32))
+    assert prepare(noisy).signals.scale.of(0)[1] == pytest.approx(0.0061, rel=0.1)
 
 
 def test_a_coefficient_at_its_bound_is_marked_and_stays_so_in_the_file(tmp_path):

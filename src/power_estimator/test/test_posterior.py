@@ -17,7 +17,7 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
-from power_estimator.posterior.judged import JudgedEffect, JudgedEffects
+from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, OneOfSeveral
 from power_estimator.posterior.meter import representatives
 from power_estimator.posterior.odds import (
     has_wholes,
@@ -316,6 +316,9 @@ def test_an_effect_in_doubt_is_named_no_more_and_comes_behind_others_that_are():
     assert list(doubted.probability.items()) == [('idle', NAMED), ('spring', DOUBTED)]
     assert doubted.any_missing == 0.99  # as one is named
     assert doubted.doubting('idle').any_missing == DOUBTED
+    beside = OneOfSeveral(('viscous_friction', 'iron_loss'), 0.98)
+    both = replace(doubted, undecided=(beside,)).doubting('idle')
+    assert both.any_missing == 0.98  # as one of these is
 
 
 def test_effects_that_stand_for_each_other_share_the_probability_of_both():

@@ -138,7 +138,8 @@ class Session:
             models.append(
                 load_model(given, self.judge.catalogue) if isinstance(given, str) else given
             )
-            specs.append(given if isinstance(given, str) else given.name)
+            spec = other.spec if isinstance(other, Session) else ''
+            specs.append(given if isinstance(given, str) else spec or given.name)
         return comparison(self.judge, models, specs)
 
     def budget(

@@ -87,3 +87,38 @@ def test_a_wrapped_angle_and_its_rate_agree():
     angle = np.cumsum(SPEED) * 2 * np.pi / 60 / 100
     found = velocity_slope(T, np.mod(3.0 * angle, 2 * np.pi), 3.0 * SPEED * 2 * np.pi / 60)
     assert found.slope == pytest.approx(1.0, abs=0.01)
+
+
+def test_prose_above_a_head_is_neither_names_nor_units(tmp_path, capsys):
+    rows = [f'{t:.2f},{m:.3f},{n:.3f}' for t, m, n in zip(T, TORQUE, SPEED, strict=True)]
+    log = tmp_path / 'log.csv'
+
+    def listed(*head):
+        log.write_text('\n'.join([*head, *rows]))
+        assert main([str(log), '--list']) == 0
+        return capsys.readouterr().out
+
+    named = listed('# measured by hans', '# time, torque [Nm], speed [rpm]')
+    assert 'time: {column: time, unit: s}' in named
+    assert 'hans' not in listed('# measured by hans')
+    assert listed('# t s A', 't,q,w') == listed('# a, b', 't,q,w')
+
+
+def test_a_propeller_whose_meter_reads_a_little_low_keeps_its_signs(tmp_path, capsys):
+    """Torque that goes with the speed makes slopes above 1, which leave losses below 0."""
+    speed = 20.0 + 140.0 * np.abs(np.sin(0.3 * T))
+    torque = 1.6e-4 * speed**1.7
+    drawn = np.roll(torque * speed + 4.0 * torque**2 + 0.02 * speed + 1.0, 2)
+    power = drawn - 0.05 * drawn.mean()
+    columns = {'time_s': T, 'speed_rad_s': speed, 'torque (Nm)': torque, 'power (W)': power}
+    _, lines = guessed(tmp_path, capsys, columns)
+    assert 'scale: -1' not in lines['torque']
+    assert 'positive: fed' not in lines['power']
+
+
+def test_a_start_time_that_never_changes_is_no_time(tmp_path, capsys):
+    rows = [f'12:00:05,{n:.3f},{m:.3f}' for n, m in zip(SPEED, TORQUE, strict=True)]
+    log = tmp_path / 'log.csv'
+    log.write_text('\n'.join(['started,FL_rpm,FL_Nm', *rows]))
+    assert main([str(log), '--list']) == 0
+    assert 'column: started' not in capsys.readouterr().out

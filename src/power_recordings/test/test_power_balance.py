@@ -87,6 +87,24 @@ def test_a_drive_whose_gear_takes_most_of_its_power_is_warned_of_and_not_refused
     assert 'losses that grow with load and speed' in found.text
 
 
+@pytest.mark.parametrize('ripple', [0.0, 0.01, 0.03])
+@pytest.mark.parametrize('gear', [9.0, 20.0])
+def test_a_wrong_gear_is_refused_at_a_constant_speed_too(gear, ripple):
+    """A meter that reads far below 0 at rest would explain any slope there."""
+    random = np.random.default_rng(0)
+    speed = 3.0 * (1.0 + ripple * np.sin(TIME))
+    power = TORQUE * speed + 0.05 * TORQUE**2 + 6.0 + random.normal(0.0, 3.0, len(TIME))
+    found = power_finding('KNEE', power_balance(power, TORQUE / gear, speed), Card())
+    assert found.severity == 'error'
+
+
+def test_a_scaled_torque_at_one_speed_is_not_said_to_have_two_wrong_signs():
+    steady = 100.0 + 0.01 * np.sin(TIME)
+    power = 0.4 * steady + 4.0 + np.random.default_rng(0).normal(0.0, 0.1, len(TIME))
+    found = power_finding('KNEE', power_balance(power, np.full(len(TIME), 2.0), steady), Card())
+    assert 'is a sign, a gear or a unit wrong' in found.text
+
+
 def test_a_brake_whose_torque_and_power_both_count_the_other_way_is_told():
     speed = 20.0 + SPEED
     torque = -12.0 - 0.2 * TORQUE

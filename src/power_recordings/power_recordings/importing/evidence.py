@@ -34,6 +34,7 @@ _FEWEST: Final = 30  # rows
 _ANGLES: Final = ('rad', 'deg', 'rev', 'arcsec')
 _ALIKE: Final = 1.1  # times a velocity may be off the rate of its position
 _FOLLOWS: Final = 0.9  # their correlation
+_GAINED: Final = 0.1  # of the power (rms), that a shaft gives beyond it: no offset of a meter
 _MOVED: Final = 0.2  # share of the power's variance
 
 
@@ -200,7 +201,9 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
     turned: Turned = '' if slope > 0 else ('torque' if losses > 0 else 'power')
     if turned and (r2 < _SURE or not found[0] < 0):
         return None
-    if not turned and r2 > _SURE and found[0] > 0 and max(losses, found[1], found[3]) < 0:
+    gained = float(np.mean(shaft - p)) > _GAINED * float(np.sqrt(np.mean(p**2)))
+    fed = max(losses, found[1], found[3]) < 0
+    if not turned and gained and fed and r2 > _SURE and found[0] > 0:
         turned = 'both'
     way = -1 if turned in ('torque', 'both') else 1
     ahead = shaft[np.abs(shaft) > _SHOWN * np.abs(shaft).max()] * way

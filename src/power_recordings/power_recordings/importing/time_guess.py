@@ -42,7 +42,7 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
         parts = [*((d, '') for d in dates), (clock, ''), *((m, 'ms') for m in milli)]
         if len(parts) > 1:
             return _added(parts, 'parts of a time, added')
-        if not times:
+        if not times and clock.changes > 0:
             return f'time: {{column: {yaml_text(clock.column.address)}}}   # times of day'
     motion = [c for c in found if c.quantity in MECHANICAL]
     if not times and motion and all(map(_follow, motion)):

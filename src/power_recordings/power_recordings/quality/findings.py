@@ -161,7 +161,8 @@ def _gain_finding(drive: str, balance: ShaftBalance, usual: bool) -> Finding | N
     least = balance.made * (_TORQUE if balance.made > 0.0 else 1 / _TORQUE)
     if balance.drawn >= least + _FED * balance.power:
         return None
-    wrong = 'are the signs of both torque and power' if usual else 'is a sign or a unit'
+    known = usual and balance.error < _SHARP * balance.slope
+    wrong = 'are the signs of both torque and power' if known else 'is a sign, a gear or a unit'
     text = f'{balance.drawn:.3g} W are drawn in the mean and the shaft gives {balance.made:.3g} W'
     return Finding('power_slope', 'warning', drive, f'{text}: {wrong} wrong?')
 

@@ -19,6 +19,7 @@ _RATE_OVER = 0.02  # s to either side, that a torque's rate is taken over: its n
 _BESIDE = 1.5  # times by which the copper loss that friction adds may change a slope that is sure
 _LOSSY = 1.6  # W per W of torque × speed, from which losses grow with it
 _WORN_ROWS = 20_000
+_OFFSET = -0.1  # of the power (rms), of a meter: at constant speed a wrong gear asks for more
 _AT_REST = 0.01  # of the largest speed, below which friction's sign fades out
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
@@ -167,7 +168,7 @@ def _worn(
     )
     copper = max(linear[0], 1e-3 * watts / load**2)
     scale = np.array([copper, load, load / speed, watts, 1.0, 1.0])
-    begin = np.array([1.0, 0.5, watts / (load * speed), linear[2] / watts, 0.1, 1.0])
+    begin = np.array([1.0, 0.5, watts / (load * speed), max(linear[2] / watts, _OFFSET), 0.1, 1.0])
 
     def left(factors: Floats) -> Floats:
         k, c, b, d, e, slope = factors * scale
@@ -175,7 +176,7 @@ def _worn(
         motor = torque + friction
         return power - slope * torque * velocity - friction * velocity - k * motor**2 - d
 
-    least = np.array([0.0, 0.0, 0.0, -np.inf, 0.0, 0.0])
+    least = np.array([0.0, 0.0, 0.0, _OFFSET, 0.0, 0.0])
     most = np.array([np.inf, np.inf, np.inf, np.inf, 1.0, np.inf])
     one = least_squares(
         lambda factors: left(np.append(factors, 1.0)), begin[:-1], bounds=(least[:-1], most[:-1])

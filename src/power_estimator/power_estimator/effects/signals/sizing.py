@@ -15,7 +15,7 @@ _LEAST_SHOWN = 0.1  # of the power's spread, that a torque constant explains
 _ALIKE = 3.0
 _ALIKE_VOLTAGE = 1.4
 _SLOW = 2 * STANDSTILL  # rad/s, top speed at which friction's sign would be 0.96
-_SMOOTH = 0.1  # of the speed, by which it changes from sample to sample in motion
+_TRAVEL = 0.05  # rad, further than a held shaft gives way
 _MOST_COPPER = 0.3  # W/(N·m)², ten times that of the reference drive
 _VISIBLE = 0.05  # share of the largest power
 _CONSTANT_GAIN = 5.0
@@ -80,25 +80,28 @@ def drive_scale(data: AlignedDataset) -> DriveScale:
     given = (data.torque, data.velocity, data.voltage, data.power)
     signals = [values.astype(np.float64) for values in given]
     factors = np.ones((len(data.names), 5))
+    rate = 0.0 if data.steady else float(data.rate)
     for group in filter(None, assign(data.names, infer_types(data.names)).values()):
         torque, velocity, voltage, power = (values[:, group] for values in signals)
         known = np.isfinite(power).all(axis=1)
         if known.any():
             factors[group, :4] = _factors(
-                torque[known], velocity[known], voltage[known], power[known]
+                torque[known], velocity[known], voltage[known], power[known], rate
             )
         else:
-            factors[group, :3] = _mechanical(torque, velocity)
+            factors[group, :3] = _mechanical(torque, velocity, rate)
     at_motor = [name in data.motor_torque for name in data.names]
     factors[:, 4] = np.where(at_motor, _CONSTANT_GAIN, 1.0)
     return DriveScale(*factors.T)
 
 
-def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -> Floats:
+def _factors(
+    torque: Floats, velocity: Floats, voltage: Floats, power: Floats, rate: float
+) -> Floats:
     load, top, size = (
         float(np.quantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity, power)
     )
-    for_speed = _speed_factor(velocity, top)
+    for_speed = _speed_factor(velocity, top, rate)
     for_torque = load / TORQUE if load > _ALIKE * TORQUE else 1.0
     if 0.0 < load < TORQUE:
         least = max(_MOST_COPPER, _VISIBLE * size / load**2)
@@ -112,22 +115,22 @@ def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -
     return np.array([for_torque, for_speed, for_power, 1.0 if alike else ratio])
 
 
-def _mechanical(torque: Floats, velocity: Floats) -> Floats:
+def _mechanical(torque: Floats, velocity: Floats, rate: float) -> Floats:
     load, top = (float(np.nanquantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity))
-    for_speed = _speed_factor(velocity, top)
+    for_speed = _speed_factor(velocity, top, rate)
     alike = TORQUE / _ALIKE < load < TORQUE * _ALIKE or load == 0.0
     for_torque = 1.0 if alike else load / TORQUE
     return np.array([for_torque, for_speed, for_torque * for_speed])
 
 
-def _speed_factor(velocity: Floats, top: float) -> float:
+def _speed_factor(velocity: Floats, top: float, rate: float) -> float:
     """Return the factor of speed of drives [T, D] that reach a top speed, rad/s.
 
-    A shaft that is held still has a speed, too, but it is noise or swings to and fro.
+    A shaft that is held still has a speed, too, which is noise or swings to and fro. rate: samples
+    a second; 0 of operating points, which are in no order.
     """
-    step = np.nanmean(np.square(np.diff(velocity, axis=0)))
-    moves = step < np.square(_SMOOTH) * np.nanmean(np.square(velocity))
-    slow = top < _SLOW and moves
+    way = np.cumsum(np.nan_to_num(velocity), axis=0) / rate if rate else np.zeros_like(velocity)
+    slow = 0.0 < top < _SLOW and float(np.ptp(way, axis=0).max()) > _TRAVEL
     return top / SPEED if slow or top > _ALIKE * SPEED else 1.0
 
 

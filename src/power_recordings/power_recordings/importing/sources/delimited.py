@@ -247,7 +247,8 @@ def sniff(path: Path) -> TableDialect:
     for delimiter in _DELIMITERS:
         rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
         notes = [lines[i].lstrip().lstrip('#%/') for i in comments if i < begin]
-        head = find_head(rows, [row for n in notes for row in (_split(n, delimiter), n.split())])
+        above = [_split(note, delimiter) for note in notes]
+        head = find_head(rows, above, [note.split() for note in notes])
         if head is None or len(head.names) < 2:
             continue
         values = rows[head.first_row : head.first_row + 50]

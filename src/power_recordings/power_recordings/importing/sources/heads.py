@@ -34,7 +34,10 @@ _DATE = re.compile(r'\d{2,4}[-./:]\d\d')
 _NO_UNIT = ('-', '–', '%', '1')
 _LIKE_A_HEAD = 0.5  # names to a value
 _UNITS_THAT_ARE_NAMES = ('rpm', 'rps')
-_WORDS = ('cycle', 'turn', 'min', 'day', 'hour', 'year', 'a', 'd', 'h', 'r', 'qd')  # end names
+_WORDS = (  # that end names
+    *('cycle', 'cycles', 'circle', 'turn', 'second', 'minute', 'min', 'day', 'hour', 'year'),
+    *('a', 'd', 'h', 'r', 'qd'),
+)
 _TIMES = ('s', 'sec', 'ms', 'min')  # what a rate is over
 _AFTER_DOTS = ('deg', 'rad', 'rpm', 'dps', 'Nm', 'mNm', 'mA', 'mV', 'mW', 'kW', 'degC')  # no names
 _LENGTHS = ('m', 'cm', 'mm', 'km')  # of which a rate is no speed of a drive
@@ -73,13 +76,16 @@ def is_number(field: str) -> bool:
 
 
 def find_head(
-    rows: Sequence[Sequence[str]], commented: Sequence[Sequence[str]] = ()
+    rows: Sequence[Sequence[str]],
+    commented: Sequence[Sequence[str]] = (),
+    spaced: Sequence[Sequence[str]] = (),
 ) -> Head | None:
     """Find the head of a table in its first rows (fields of each); None if no row holds numbers.
 
     Values begin with the first row of the usual width that holds at least half of the usual count
     of numbers. The row above names the columns; rows in between may hold units or dates.
     commented: the fields of comment lines above, the last of which may be the names, or units.
+    spaced: the words of these, which may only repeat the names, with units.
     """
     widths = [len(row) for row in rows if row]
     if not widths:
@@ -117,7 +123,7 @@ def find_head(
     fullest = max(order, key=lambda row: sum(map(_is_name, row)), default=None)
     names = fullest or [f'column{i}' for i in range(1, width + 1)]
     units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
-    for note in notes:
+    for note in (*notes, *spaced):
         if [_IN_BRACKETS.sub('', field).strip() for field in note] == [n.strip() for n in names]:
             units = [unit or unit_of(field) for unit, field in zip(units, note, strict=True)]
     return Head(unique(names), tuple(units), first, unfit)
