@@ -26,4 +26,4 @@ class FitSettings:
     fine_delay: float = 0.00025  # s between delays that are tried; 5 ms are 5 to 15 W of a gait
     screened_delays: int = 8  # that a screening tries within 1 ms: subsets differ by less
     screened_together: int = 3_000_000  # numbers of the normal matrices that are solved at once
-    kept: int = 128_000_000  # bytes of columns and of designs that a fitter keeps
+    kept: int = 24_000_000  # bytes of columns and of designs that a fitter keeps
