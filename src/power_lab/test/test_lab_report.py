@@ -1,12 +1,15 @@
 """The pages in a real browser, without a network."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
+from power_lab.commands import arguments
 from power_lab.report import figures
 from wattwalk_core.pages.page import Page
 
@@ -106,3 +109,17 @@ def test_light_and_dark_are_drawn_in_their_own_colours(tmp_path):
     dark = browse(path, tmp_path, '--dump-dom', '--blink-settings=preferredColorScheme=0').stdout
     assert 'rgb(27, 31, 36)' in light
     assert light.count('rgb(27, 31, 36)') > dark.count('rgb(27, 31, 36)')
+
+
+@pytest.mark.parametrize('command', ['compare --models', 'diagnose --model'])
+def test_a_reader_of_the_table_that_leaves_early_leaves_the_page(
+    bag, tmp_path, monkeypatch, command
+):
+    name, option = command.split()
+    read, write = os.pipe()
+    os.close(read)
+    monkeypatch.setattr(sys, 'stdout', os.fdopen(write, 'w'))
+    outputs = ['--json', str(tmp_path / 'a.json'), '--report', str(tmp_path / 'a.html')]
+    with pytest.raises(SystemExit, match='1'):  # of rich, which leaves stdout to the null device
+        getattr(arguments, name)([str(bag), option, 'mechanical_power', *outputs])
+    assert {path.name for path in tmp_path.iterdir()} == {'a.json', 'a.html'}
