@@ -103,6 +103,20 @@ def test_a_browser_draws_every_visible_figure_without_a_complaint(tmp_path):
 
 
 @needs_browser
+def test_a_table_with_many_long_headings_wraps_these_before_it_scrolls(tmp_path):
+    made = Page('Gait')
+    columns = [*['stride s', 'swing s', 'impact N'] * 2, *['KFE torque above 20 Hz'] * 4]
+    made.table(columns, [[1.25] * 10], numbers=range(10))
+    path = tmp_path / 'gait.html'
+    made.write(path)
+    told = 'document.title = (one => one.scrollWidth - one.clientWidth)'
+    script = f"<script>{told}(document.querySelector('.scroll'))</script>"
+    path.write_text(path.read_text() + script)
+    shown = browse(path, tmp_path, '--window-size=1100,600', '--dump-dom').stdout
+    assert '<title>0</title>' in shown
+
+
+@needs_browser
 def test_light_and_dark_are_drawn_in_their_own_colours(tmp_path):
     path = page(tmp_path)
     light = browse(path, tmp_path, '--dump-dom').stdout
