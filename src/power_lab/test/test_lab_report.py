@@ -90,6 +90,11 @@ def test_an_error_without_variation_is_not_drawn():
     assert figures.error_over('position', np.zeros(500), {'base': np.ones(500)}) is None
 
 
+def test_a_staircase_outside_a_page_has_the_colours_of_a_light_one():
+    bars = figures.Stairs(('base', '+ spring'), (1.2, 0.4), noise=0.2).figure()['data'][0]
+    assert list(bars['marker']['color']) == ['#d55e00', '#0072b2']
+
+
 @needs_browser
 def test_a_browser_draws_every_visible_figure_without_a_complaint(tmp_path):
     found = browse(page(tmp_path), tmp_path, '--dump-dom')
