@@ -95,6 +95,13 @@ def test_a_staircase_outside_a_page_has_the_colours_of_a_light_one():
     assert list(bars['marker']['color']) == ['#d55e00', '#0072b2']
 
 
+def test_the_level_of_noise_is_named_beside_the_bars_and_not_on_them():
+    layout = figures.Stairs(('base',), (1.2,), noise=1.1).figure()['layout']
+    (label,) = layout['annotations']
+    assert (label['x'], label['xanchor']) == (1, 'left')
+    assert layout['margin']['r'] > 6 * len(label['text'])
+
+
 @needs_browser
 def test_a_browser_draws_every_visible_figure_without_a_complaint(tmp_path):
     found = browse(page(tmp_path), tmp_path, '--dump-dom')

@@ -22,8 +22,8 @@ COLORS = dict(re.findall(r'--(\w+): (#\w{6})', _STYLE.partition('}')[0]))
 """Colours of figures by name: those of a light page, which a dark page replaces by its own."""
 
 
-def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
-    """Put a plotly figure into the common style and return it as {'data': …, 'layout': …}."""
+def finished(figure: go.Figure, *, legend: bool = False, right: int = 14) -> Figure:
+    """Put a plotly figure into the house's style: {'data': …, 'layout': …}; right: margin, px."""
     axis = {
         'gridcolor': COLORS['grid'],
         'zerolinecolor': COLORS['line'],
@@ -38,7 +38,7 @@ def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
         paper_bgcolor='rgba(0,0,0,0)',
         plot_bgcolor='rgba(0,0,0,0)',
         font={'color': COLORS['text'], 'family': 'system-ui, "DejaVu Sans", sans-serif'},
-        margin={'l': 56, 'r': 14, 't': 30 if legend else 12, 'b': 46},
+        margin={'l': 56, 'r': right, 't': 30 if legend else 12, 'b': 46},
         showlegend=legend,
         legend={'orientation': 'h', 'x': 0, 'y': 1.0, 'yanchor': 'bottom'},
         hovermode='closest',
