@@ -1,10 +1,11 @@
 """Commands answer `--help` and a wrong argument before they import what is slow to import."""
 
+import ast
 import subprocess
 import sys
 
 import pytest
-from commands_start import entry_points
+from commands_start import SOURCES, entry_points
 
 SLOW = {
     *('torch', 'scipy', 'sklearn', 'plotly', 'mujoco', 'pandas', 'pyarrow', 'arch', 'rclpy'),
@@ -42,3 +43,17 @@ def test_help_and_a_wrong_argument_import_nothing_slow(command):
     package, name = command
     assert f'usage: ros2 run {package} {name}' in run.stdout
     assert 'example' in run.stdout, 'the help shows how to use the command'
+
+
+def test_commands_print_after_their_files_are_written_as_a_reader_may_leave_early():
+    early, seen = [], 0
+    for file in SOURCES.glob('*/*/commands/*.py'):
+        for body in ast.parse(file.read_text()).body:
+            calls = [each for each in ast.walk(body) if isinstance(each, ast.Call)]
+            lines = {ast.unparse(each.func): each.lineno for each in calls}
+            written = lines.get('together', 0)
+            seen += bool(written)
+            printed = (name for name in lines if name.lstrip('_').startswith('print'))
+            early += [(file.name, name) for name in printed if lines[name] < written]
+    assert seen > 8
+    assert early == []

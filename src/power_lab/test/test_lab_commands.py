@@ -197,7 +197,8 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
         ('regeneration', 'did you mean regeneration_efficiency (of the power that'),
         ('regeneration', 'at the bus) or regeneration_limit (the supply takes nothing back'),
         ('series_spring', 'did you mean spring (the'),
-        ('iron_los', 'did you mean iron_loss ('),
+        ('shaft coper_loss', "unknown effect 'coper_loss'; did you mean copper_loss (the current"),
+        ('all', "unknown effect 'all'; known are shaft, copper_loss"),
         ('shaft,shaft', 'one is named twice in shaft,shaft'),
         ('power_gain', 'errors of the measurement'),
         (',', 'effects: none is named'),
@@ -205,7 +206,9 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
 )
 def test_fit_refuses_effects_that_make_no_sense(bag, tmp_path, capsys, effects, words):
     out = tmp_path / 'base.yaml'
-    assert words in fails(capsys, fit_command, [bag, '--effects', effects, '-o', out])
+    said = fails(capsys, fit_command, [bag, '--effects', effects, '-o', out])
+    assert words in said
+    assert not ('did you mean' in said and 'known are' in said), 'a list buries the name'
     assert not out.exists()
 
 

@@ -1,12 +1,15 @@
 """The pages in a real browser, without a network."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
+from power_lab.commands import arguments
 from power_lab.report import figures
 from wattwalk_core.pages.page import Page
 
@@ -87,6 +90,18 @@ def test_an_error_without_variation_is_not_drawn():
     assert figures.error_over('position', np.zeros(500), {'base': np.ones(500)}) is None
 
 
+def test_a_staircase_outside_a_page_has_the_colours_of_a_light_one():
+    bars = figures.Stairs(('base', '+ spring'), (1.2, 0.4), noise=0.2).figure()['data'][0]
+    assert list(bars['marker']['color']) == ['#d55e00', '#0072b2']
+
+
+def test_the_level_of_noise_is_named_beside_the_bars_and_not_on_them():
+    layout = figures.Stairs(('base',), (1.2,), noise=1.1).figure()['layout']
+    (label,) = layout['annotations']
+    assert (label['x'], label['xanchor']) == (1, 'left')
+    assert layout['margin']['r'] > 6 * len(label['text'])
+
+
 @needs_browser
 def test_a_browser_draws_every_visible_figure_without_a_complaint(tmp_path):
     found = browse(page(tmp_path), tmp_path, '--dump-dom')
@@ -100,9 +115,37 @@ def test_a_browser_draws_every_visible_figure_without_a_complaint(tmp_path):
 
 
 @needs_browser
+def test_a_table_with_many_long_headings_wraps_these_before_it_scrolls(tmp_path):
+    made = Page('Gait')
+    columns = [*['stride s', 'swing s', 'impact N'] * 2, *['KFE torque above 20 Hz'] * 4]
+    made.table(columns, [[1.25] * 10], numbers=range(10))
+    path = tmp_path / 'gait.html'
+    made.write(path)
+    told = 'document.title = (one => one.scrollWidth - one.clientWidth)'
+    script = f"<script>{told}(document.querySelector('.scroll'))</script>"
+    path.write_text(path.read_text() + script)
+    shown = browse(path, tmp_path, '--window-size=1100,600', '--dump-dom').stdout
+    assert '<title>0</title>' in shown
+
+
+@needs_browser
 def test_light_and_dark_are_drawn_in_their_own_colours(tmp_path):
     path = page(tmp_path)
     light = browse(path, tmp_path, '--dump-dom').stdout
     dark = browse(path, tmp_path, '--dump-dom', '--blink-settings=preferredColorScheme=0').stdout
     assert 'rgb(27, 31, 36)' in light
     assert light.count('rgb(27, 31, 36)') > dark.count('rgb(27, 31, 36)')
+
+
+@pytest.mark.parametrize('command', ['compare --models', 'diagnose --model'])
+def test_a_reader_of_the_table_that_leaves_early_leaves_the_page(
+    bag, tmp_path, monkeypatch, command
+):
+    name, option = command.split()
+    read, write = os.pipe()
+    os.close(read)
+    monkeypatch.setattr(sys, 'stdout', os.fdopen(write, 'w'))
+    outputs = ['--json', str(tmp_path / 'a.json'), '--report', str(tmp_path / 'a.html')]
+    with pytest.raises(SystemExit, match='1'):  # of rich, which leaves stdout to the null device
+        getattr(arguments, name)([str(bag), option, 'mechanical_power', *outputs])
+    assert {path.name for path in tmp_path.iterdir()} == {'a.json', 'a.html'}

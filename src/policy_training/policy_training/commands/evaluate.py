@@ -37,11 +37,11 @@ def run(options: argparse.Namespace) -> None:
         recorded = [recorded_walk(path, name) for name, path in bags]
     result, cycles = evaluate(sources, tasks, models, plant, options, recorded)
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
-    _print(output(140), result)
     with together():
         write_json(options.json, result)
         if options.report is not None:
             write_report(options.report, result, cycles, curves)
+    _print(output(140), result)
     for written in (options.report, options.video):
         if written is not None:
             print(f'wrote {written}')

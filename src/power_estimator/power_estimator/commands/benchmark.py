@@ -17,12 +17,12 @@ def run(options: argparse.Namespace) -> None:
             options.bags, options.models, options.drives, slow=options.slow, anyway=options.anyway
         )
     title = f'{found.extent} held out ({"; ".join(found.held_out)})'
-    print_scores(found.table, title)
     with together():
         write_json(options.json, found.table)
         if options.picture:
             bars = options.picture.with_stem(options.picture.stem + '_r2')
             figure.draw_traces(options.picture, found.traces, dark=options.dark)
             figure.draw_bars(bars, found.table, title=title, dark=options.dark)
+    print_scores(found.table, title)
     if options.picture:
         print(f'pictures: {options.picture}, {bars}')

@@ -82,17 +82,18 @@ class Catalogue(Mapping[str, Effect]):
     def get_known(self, name: str, where: str) -> Effect:
         """Return an effect by name; InputError, which begins with `where`, for an unknown one."""
         if name not in self._effects:
+            near = self._near(name)
+            told = f'did you mean {near}? fit --effects all lists all' if near else 'known are '
             raise InputError(
-                f'{where}: unknown effect {name!r}{self._near(name)}; known are '
-                f'{", ".join(self._effects)} (your own go by --effects-path FILE.py)'
+                f'{where}: unknown effect {name!r}; {told}{"" if near else ", ".join(self)} '
+                '(your own go by --effects-path FILE.py)'
             )
         return self._effects[name]
 
     def _near(self, name: str) -> str:
         within = [one for one in self._effects if name and (one in name or name in one)]
-        near = within[:_NEAR] or get_close_matches(name, self._effects, _NEAR)
-        told = ' or '.join(f'{one} ({self._effects[one].physics})' for one in near)
-        return f'; did you mean {told}?' if told else ''
+        near = within[:_NEAR] or get_close_matches(name, self._effects, 1)
+        return ' or '.join(f'{one} ({self._effects[one].physics})' for one in near)
 
     def physics(self) -> tuple[Effect, ...]:
         """Return the effects of the drive."""

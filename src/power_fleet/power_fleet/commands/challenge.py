@@ -32,6 +32,7 @@ def reveal(options: argparse.Namespace) -> None:
         raise InputError(
             f'{options.folder} is a single recording: ros2 run power_lab reveal {options.folder}'
         )
+    write_json(options.json, answer)
     for own in answer['hidden']:
         print(
             f'hidden: unit {own["unit"]}, {own["drive"]}: {own["words"]}, '
@@ -39,4 +40,3 @@ def reveal(options: argparse.Namespace) -> None:
         )
     if not answer['hidden']:
         print('hidden: nothing; only weather, gaits and payloads differ')
-    write_json(options.json, answer)

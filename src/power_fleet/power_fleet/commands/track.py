@@ -31,11 +31,11 @@ def run(options: argparse.Namespace) -> None:
         with RecordingIndex(usual_path()) as index, TaskEngine(Workplace.of(options)) as engine:
             found = track(options.bags, request, index, engine, show)
         content = found.json()
-    print_tracked(common.console(), found)
     with together():
         write_json(options.json, content)
         if options.report:
             write_tracked(options.report, found)
+    print_tracked(common.console(), found)
     if options.report:
         print(f'report: {options.report}')
     print(f'next: {found.next_command(options.model)}')

@@ -273,7 +273,7 @@ def fit(parser: ArgumentParser, args: Arguments) -> Namespace:
         nargs='+',
         required=True,
         metavar='NAME,…',
-        help='what is active; a wrong name lists all',
+        help='what is active; `all` lists what there is',
     )
     add_output(parser, 'MODEL.yaml')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')

@@ -18,9 +18,6 @@ def run(options: argparse.Namespace) -> None:
             lab = lab.load(options.model)
         show('accounting' if options.model else 'choosing a model and accounting')
         found = lab.budget(changes, options.battery, options.seed)
-    print(found.table())
-    for note in notes(lab.judge.prepared):
-        print(note)
     with together():
         write_json(options.json, found.json())
         if options.figures or options.report:
@@ -29,5 +26,8 @@ def run(options: argparse.Namespace) -> None:
             budget_page.write_figures(options.figures, found)
         if options.report:
             budget_page.write_budget(options.report, found)
+    print(found.table())
+    for note in notes(lab.judge.prepared):
+        print(note)
     for path in filter(None, (options.report, options.figures)):
         print(f'wrote {path}')

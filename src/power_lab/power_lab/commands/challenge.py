@@ -49,7 +49,6 @@ def reveal(options: argparse.Namespace) -> None:
         )
     hidden = ', '.join(in_words(name) for name in answer['hidden']) or 'nothing'
     times = f' at {answer["strength"]:g} times its usual strength' if answer['hidden'] else ''
-    print(f'hidden: {hidden}{times}; the verdict to expect is {answer["expected"]}')
     if options.diagnosis:
         try:
             found = json.loads(options.diagnosis.read_text(encoding='utf-8'))
@@ -57,5 +56,7 @@ def reveal(options: argparse.Namespace) -> None:
         except (OSError, ValueError, LookupError, TypeError) as error:
             raise InputError(f'{options.diagnosis}: not what diagnose --json writes') from error
         answer['score'] = score(answer, found)
-        print(f'the diagnosis ({verdict}) is {answer["score"]}')
     write_json(options.json, answer)
+    print(f'hidden: {hidden}{times}; the verdict to expect is {answer["expected"]}')
+    if options.diagnosis:
+        print(f'the diagnosis ({verdict}) is {answer["score"]}')

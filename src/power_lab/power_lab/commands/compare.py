@@ -15,11 +15,11 @@ def run(options: argparse.Namespace) -> None:
         show('comparing')
         comparison = lab.compare(*options.models)
         content = comparison.json()
-    print_comparison(common.console(), content)
-    print(closest(content['models']))
     with together():
         write_json(options.json, content)
         if options.report:
             write_comparison(options.report, comparison)
+    print_comparison(common.console(), content)
+    print(closest(content['models']))
     if options.report:
         print(f'report: {options.report}')

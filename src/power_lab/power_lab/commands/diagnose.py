@@ -18,9 +18,6 @@ def run(options: argparse.Namespace) -> None:
         show('diagnosing')
         outcome = lab.load(options.model).diagnose(options.seed, show)
         loaded, content = lab.recordings, outcome.json()
-    for line in balance_lines(loaded.data, power_balances(loaded.data)):
-        print(line)
-    print_outcome(common.console(), outcome)
     with together():
         write_json(options.json, content)
         if options.motion:
@@ -31,6 +28,9 @@ def run(options: argparse.Namespace) -> None:
             motion.save(options.motion)
         if options.report:
             write_diagnosis(options.report, outcome, options.also, lab.judge.catalogue)
+    for line in balance_lines(loaded.data, power_balances(loaded.data)):
+        print(line)
+    print_outcome(common.console(), outcome)
     if options.motion:
         print(f'to record next: {options.motion}')
     if options.report:

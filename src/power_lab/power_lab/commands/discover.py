@@ -25,13 +25,13 @@ def run(options: argparse.Namespace) -> None:
         lab = Session.open(*bags, catalogue=catalogue, **how).load(options.model)
         outcome = lab.discover(load(tests, **how) if tests else None, show, options.seed)
         content = outcome.json()
-    print_discovery(common.console(), outcome)
     with together():
         if outcome.written:
             write_whole(options.output, outcome.source())
         write_json(options.json, content)
         if options.report:
             write_discovery(options.report, outcome)
+    print_discovery(common.console(), outcome)
     names = [one.name for one in outcome.discovery.named]
     names += [one.name for one in outcome.written]
     own = f' --effects-path {options.output}' if outcome.written else ''

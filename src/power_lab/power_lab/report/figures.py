@@ -17,6 +17,7 @@ from power_lab.compare.regimes import UNITS, bins, worst_stretch
 
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
 _MAP_BINS = 22
+_LETTER = 7  # px
 
 
 def traces(
@@ -227,23 +228,20 @@ class Stairs:
         looks = {'marker': {'color': colors}, 'hovertemplate': '%{x}: %{y} W<extra></extra>'}
         figure = go.Figure(told_bars(self.steps, self.errors, **looks))
         dashes = ('dash', 'dot', 'dashdot') * 3
-        for (name, level), dash in zip(across.items(), dashes, strict=False):
+        labels = [f'{name} {level:.2f} W' for name, level in across.items()]
+        for label, level, dash in zip(labels, across.values(), dashes, strict=False):
             color = COLORS['third'] if dash == 'dash' else COLORS['faint']
             figure.add_hline(
                 y=level,
                 line={'color': color, 'dash': dash},
-                annotation={
-                    'text': f'{name} {level:.2f} W',
-                    'font': {'color': COLORS['text']},
-                    'bgcolor': COLORS['ground'],
-                },
-                annotation_position='top right',
+                annotation={'text': label, 'xanchor': 'left', 'yanchor': 'middle'},
+                annotation_position='right',
             )
         figure.update_layout(bargap=0.55)
         top = max([*self.errors, *across.values()])
         figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
         figure.update_xaxes(automargin=True)
-        return finished(figure)
+        return finished(figure, right=_LETTER * max(map(len, labels)))
 
 
 def _comparable(entry: Mapping[str, Any], judged: JudgedModel, loaded: Loaded) -> bool:

@@ -23,17 +23,17 @@ def run(options: argparse.Namespace) -> int:
         options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place, progress('reading') as show:
         steps = replay_steps(session, folder, options.output or Path(place), show)
-    for step in steps:
-        kept, now = (_errors(errors) for errors in (step.before, step.now))
-        print(f'{step.label}: {now}' + ('' if step.same else f' — the session had {kept}'))
     same = all(step.same for step in steps)
-    print('the same numbers as in the session' if same else 'these are not the same numbers')
     if options.json is not None:
         content = [
             {'step': s.label, 'rmse_w': s.now, 'session_w': s.before, 'same': s.same}
             for s in steps
         ]
         write_json(options.json, {'same': same, 'steps': content})
+    for step in steps:
+        kept, now = (_errors(errors) for errors in (step.before, step.now))
+        print(f'{step.label}: {now}' + ('' if step.same else f' — the session had {kept}'))
+    print('the same numbers as in the session' if same else 'these are not the same numbers')
     return 0 if same else 1
 
 

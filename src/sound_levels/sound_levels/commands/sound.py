@@ -55,13 +55,13 @@ def run(options: argparse.Namespace) -> None:
         )
         show('comparing')
         result = summary(analysis)
-    _print(analysis)
     with together():
         write_json(options.json, result)
         if options.picture is not None:
             save_figure(draw_sound(analysis), options.picture)
         if options.report is not None:
             write_sound_report(options.report, analysis)
+    _print(analysis)
     for path in (options.json, options.picture, options.report):
         if path is not None:
             print(path)

@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,17 +16,14 @@ from wattwalk_core.files import write_whole
 
 Figure = dict[str, Any]
 
-COLORS = {
-    name: f'#00000{digit}'
-    for digit, name in enumerate(
-        ('measured', 'base', 'better', 'third', 'text', 'faint', 'line', 'grid', 'ground'), start=1
-    )
-}
-"""Placeholders that the page replaces by its colours, light or dark."""
+_HERE = Path(__file__).parent
+_STYLE = (_HERE / 'style.css').read_text(encoding='utf-8')
+COLORS = dict(re.findall(r'--(\w+): (#\w{6})', _STYLE.partition('}')[0]))
+"""Colours of figures by name: those of a light page, which a dark page replaces by its own."""
 
 
-def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
-    """Put a plotly figure into the common style and return it as {'data': …, 'layout': …}."""
+def finished(figure: go.Figure, *, legend: bool = False, right: int = 14) -> Figure:
+    """Put a plotly figure into the house's style: {'data': …, 'layout': …}; right: margin, px."""
     axis = {
         'gridcolor': COLORS['grid'],
         'zerolinecolor': COLORS['line'],
@@ -40,7 +38,7 @@ def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
         paper_bgcolor='rgba(0,0,0,0)',
         plot_bgcolor='rgba(0,0,0,0)',
         font={'color': COLORS['text'], 'family': 'system-ui, "DejaVu Sans", sans-serif'},
-        margin={'l': 56, 'r': 14, 't': 30 if legend else 12, 'b': 46},
+        margin={'l': 56, 'r': right, 't': 30 if legend else 12, 'b': 46},
         showlegend=legend,
         legend={'orientation': 'h', 'x': 0, 'y': 1.0, 'yanchor': 'bottom'},
         hovermode='closest',
@@ -59,7 +57,6 @@ def short(values: Any) -> Any:
     return [float(f'{v:.4g}') if np.isfinite(v) else None for v in np.asarray(values).tolist()]
 
 
-_HERE = Path(__file__).parent
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     'img-src data: blob:; font-src data:'
@@ -150,11 +147,10 @@ class Page:
 
     def write(self, path: Path) -> None:
         """Write the page as one file, usable offline; RecordingError if it cannot be written."""
-        colors = {stand_in: name for name, stand_in in COLORS.items()}
+        colors = {color: name for name, color in COLORS.items()}
         content = {'figures': self.figures, 'colors': colors}
         data = json.dumps(content, ensure_ascii=False, allow_nan=False)
         plotly = f'<script>{get_plotlyjs()}</script>\n' if self.figures else ''
-        style = (_HERE / 'style.css').read_text(encoding='utf-8')
         script = (_HERE / 'script.js').read_text(encoding='utf-8')
         write_whole(
             path,
@@ -162,7 +158,7 @@ class Page:
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
             '<meta name="color-scheme" content="light dark">'
-            f'<title>{escape(self.title)}</title><style>{style}</style></head>\n<body><main>'
+            f'<title>{escape(self.title)}</title><style>{_STYLE}</style></head>\n<body><main>'
             '<noscript><p>The plots need JavaScript; text and tables do not.</p></noscript>'
             + '\n'.join(self.parts)
             + '</main>\n<script type="application/json" id="figures">'
