@@ -30,6 +30,14 @@ def test_both_signs_of_a_brake_are_turned_where_its_losses_would_give_power(tmp_
     _, lines = guessed(tmp_path, capsys, {**columns, 'DC power returned (W)': -power})
     assert 'scale: -1' in lines['torque']
     assert 'positive: fed' in lines['power']
+    assert lines['power'].endswith('sign by physics: else losses give power')
+
+
+def test_a_turned_sign_is_explained_by_the_one_thing_that_was_seen(tmp_path, capsys):
+    power = SHAFT + 0.5 * TORQUE**2 + 9.0 + NOISE
+    columns = {'t_s': T, 'speed_rpm': SPEED, 'torque_Nm': -TORQUE, 'power_W': power}
+    _, lines = guessed(tmp_path, capsys, columns)
+    assert 'else power falls as torque × speed rises;' in lines['torque'] + ';'
 
 
 def test_a_time_of_day_alone_is_the_time(tmp_path, capsys):

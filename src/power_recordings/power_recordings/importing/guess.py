@@ -34,7 +34,12 @@ _OF_ODRIVE: Final = r'(^|_)(fet_temp|fet_thermistor)|(pos|vel)_estimate'
 _POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is known by
 _WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
-_TURNED: Final = 'sign by physics: else power falls as torque × speed rises, or losses give power'
+_TURNED: Final = {
+    'torque': 'power falls as torque × speed rises',
+    'power': 'power falls as torque × speed rises, and losses give power',
+    'both': 'losses give power',
+}
+"""What a log says of its signs as they are, by what is turned."""
 _NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
 _ALONG: Final = (
     '    # velocity: {{from: {}, scale: {:.4g}, unit: rad/s}}   # along the ground: scale over '
@@ -260,17 +265,17 @@ class _Drive:
         stated = f"'{stated}'" if stated in ('%', '1', '-') else stated
         parts = [f'from: {yaml_text(taken.address)}', f'unit: {stated}']
         if quantity == 'torque':
-            at, why = self._at(taken)
+            at, said = self._at(taken)
             parts[1:] = [f'unit: {unit or "A"}'] if taken.quantity == 'winding' else parts[1:]
-            if self._turned('torque', taken):
+            if why := self._turned('torque', taken):
                 parts.append('scale: -1')
-                notes.append(_TURNED)
+                notes.append(why)
             parts.append(f'at: {at}')
-            notes += [why] if why else []
+            notes += [said] if said else []
         if quantity in ('current', 'power'):
             fed = self._turned('power', taken)
             parts.append('positive: fed' if fed else 'positive: drawn')
-            notes += [_TURNED] if fed else []
+            notes += [fed] if fed else []
             if re.search(r'(^|_)i_?bus(_|$)', words(taken.address)):
                 parts += ['computed: true'] if self._in_turns else []
                 notes.append('an ODrive computes it' if self._in_turns else _METER)
@@ -282,12 +287,13 @@ class _Drive:
             notes.append('or ' + printable(', '.join(c.address + c.doubt for c in others)))
         return f'    {quantity}: {{{", ".join(parts)}}}   # {"; ".join(notes)}'
 
-    def _turned(self, what: str, taken: CandidateColumn) -> bool:
-        """Tell whether physics shows a column to count the other way."""
+    def _turned(self, what: str, taken: CandidateColumn) -> str:
+        """Return how physics shows a column to count the other way, '' if it does not."""
         choice = self.choice
-        if choice is None or choice.turned not in (what, 'both'):
-            return False
-        return taken == choice.torque if what == 'torque' else taken in choice.meter
+        if choice is None or not choice.turned or choice.turned not in (what, 'both'):
+            return ''
+        own = taken == choice.torque if what == 'torque' else taken in choice.meter
+        return f'sign by physics: else {_TURNED[choice.turned]}' if own else ''
 
     def _speed_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         name = words(taken.address)
