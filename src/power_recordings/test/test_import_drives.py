@@ -82,7 +82,7 @@ def test_columns_of_motion_that_a_lone_drive_leaves_are_told(tmp_path, capsys):
     assert '# not used: rotation_speed_two_rpm, torque_two_Nm. Of another drive?' in text
 
 
-@pytest.mark.parametrize('name', ['ntc', 'coil_C', 'winding_ntc'])
+@pytest.mark.parametrize('name', ['ntc', 'coil_C', 'winding_ntc', 'T_wind_C'])
 def test_a_temperature_is_known_by_its_sensor_and_by_a_winding_in_degrees(tmp_path, capsys, name):
     columns = f'angle_rad speed_rpm torque_Nm Vdc Idc {name}'
     found, _ = guess(tmp_path, capsys, columns)

@@ -63,7 +63,7 @@ _RULES: Final = (
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
     ('supply_power', rf'{_ROBOT}.*{_WATTS}'),
-    ('temperature', r'(^|_)t_\w*(winding|mot|wdg|wick|stator|coil)(?!.*_(in|out)$)'),
+    ('temperature', r'(^|_)t_\w*(wind(ing|_|$)|mot|wdg|wick|stator|coil)(?!.*_(in|out)$)'),
     (
         'temperature',
         r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))'
