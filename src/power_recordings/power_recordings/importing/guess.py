@@ -12,18 +12,17 @@ from wattwalk_core.errors import printable
 
 from power_recordings.importing import evidence
 from power_recordings.importing.candidates import (
-    ALONG_GROUND,
     MECHANICAL,
-    WANTED,
     CandidateColumn,
     candidates,
 )
 from power_recordings.importing.evidence import ByQuantity, Choice
+from power_recordings.importing.ground import along_lines
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
-from power_recordings.importing.time_guess import row_times, time_line, yaml_text
+from power_recordings.importing.time_guess import row_times, time_line
 from power_recordings.importing.units import SI
-from power_recordings.importing.words import words
+from power_recordings.importing.words import words, yaml_text
 
 _GUESSED_UNIT: Final = {**SI, 'efficiency': '1'}
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
@@ -41,15 +40,6 @@ _TURNED: Final = {
 }
 """What a log says of its signs as they are, by what is turned."""
 _NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
-_ALONG: Final = (
-    '    # velocity: {{from: {}, scale: {:.4g}, unit: rad/s}}   # along the ground: scale over '
-    "the wheel's radius in m"
-)
-_GROUND: Final = {
-    **dict.fromkeys(('km/h', 'kmh', 'kph'), 1 / 3.6),
-    **dict.fromkeys(('m/s', 'm_s'), 1.0),
-    'mph': 0.44704,
-}
 _NO_TORQUE: Final = (
     '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
     'motor: {from: COLUMN, unit: A, at: motor}'
@@ -113,7 +103,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     ]
     lines.append('drives:')
     in_turns = any(re.search(_OF_ODRIVE, words(one.column.address)) for one in listed)
-    along = next(filter(None, map(_along, listed)), '')
+    along = along_lines(listed)
     time = row_times(found)
     made = {n or 'DRIVE': _Drive(q, shared, in_turns, along, time) for n, q in drives.items()}
     chosen = [drive.choice for drive in made.values() if drive.choice is not None]
@@ -136,7 +126,12 @@ class _Drive:
     """The lines of one drive: its own columns, and those that no drive owns."""
 
     def __init__(
-        self, own: ByQuantity, shared: ByQuantity, in_turns: bool, along: str, time: Floats
+        self,
+        own: ByQuantity,
+        shared: ByQuantity,
+        in_turns: bool,
+        along: Mapping[str, str],
+        time: Floats,
     ) -> None:
         self._in_turns, self._along, self._time = in_turns, along, time
         measured = [c for c in own.get('torque', ()) if not c.held]
@@ -223,10 +218,9 @@ class _Drive:
             if (taken := self._taken.get(quantity)) is not None:
                 lines += [_AT] if quantity == 'torque' else []
                 lines.append(self._line(quantity, taken))
-            elif quantity == 'velocity' and self._along:
-                lines.append(self._along)
             elif quantity in ('position', 'velocity'):
-                lines.append(_NONE.format(quantity, _GUESSED_UNIT[quantity]))
+                none = _NONE.format(quantity, _GUESSED_UNIT[quantity])
+                lines.append(self._along.get(quantity, none))
         of_motor = [t for q in JOINT if (t := self._taken.get(q)) and self._at(t)[0] == 'motor']
         lines = [_GEAR, *lines] if of_motor else lines
         lines += self._other_side()
@@ -341,16 +335,6 @@ class _Drive:
             known = re.search(f'{_MEASURED}|{_BEHIND}', name)
             return 'joint', '' if known else 'at: joint is a guess'
         return 'motor', f'at: motor, as its name has {said[0].strip("_")}'
-
-
-def _along(item: Listed) -> str:
-    """A line for a speed along the ground, '' of any other column."""
-    name = item.column.address.lower()
-    found = re.search(ALONG_GROUND, name)
-    named = re.search(r'speed|vel|tempo|geschw', name) and not re.search(WANTED, words(name))
-    if not found or not named:
-        return ''
-    return _ALONG.format(yaml_text(item.column.address), _GROUND[found[1]])
 
 
 def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:

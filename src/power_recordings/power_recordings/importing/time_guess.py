@@ -1,6 +1,5 @@
 """The time of a log as a guessed map has it: a column, several that are added, a rate or none."""
 
-import json
 import re
 from collections.abc import Sequence
 from typing import Final
@@ -12,7 +11,7 @@ from wattwalk_core.errors import printable
 from power_recordings.importing.candidates import MECHANICAL, CandidateColumn
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.times import is_date, is_time_of_day
-from power_recordings.importing.words import words
+from power_recordings.importing.words import words, yaml_text
 
 _TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 _RATES: Final = (5.0, 2e4)  # Hz
@@ -143,12 +142,3 @@ def _time_unit(candidate: CandidateColumn) -> tuple[str, str]:
         if _RATES[0] <= (rate := 1 / (float(np.median(steps)) * factor)) <= _RATES[1]:
             return unit, f'{unit} makes {rate:.3g} rows a second'
     return 's', 'unit not stated: check'
-
-
-def yaml_text(text: str) -> str:
-    """Return a text as a YAML scalar, quoted if needed."""
-    if not text.isprintable():
-        return json.dumps(text)
-    if re.fullmatch(r'[A-Za-z_/][\w/.:\-]*', text) and not text.endswith(':'):
-        return text if ': ' not in text else f"'{text}'"
-    return "'" + text.replace("'", "''") + "'"
