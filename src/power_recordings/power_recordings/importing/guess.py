@@ -41,8 +41,8 @@ _TURNED: Final = {
 """What a log says of its signs as they are, by what is turned."""
 _NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
 _NO_TORQUE: Final = (
-    '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
-    'motor: {from: COLUMN, unit: A, at: motor}'
+    '    # torque: {{from: COLUMN, unit: N*m}}   # no column looks like one; of the current of a '
+    'motor: {{from: {}, unit: {}, at: motor}}'
 )
 _OTHER_SIDE: Final = (
     '    # motor_current: {{from: {}, unit: A}}   # what was commanded, N·m for A up to a '
@@ -168,6 +168,7 @@ class _Drive:
             own_rank = taken[quantity].rank if quantity in taken else np.inf
             if own_rank == np.inf or (quantity == 'temperature' and others[0].rank < own_rank):
                 taken[quantity] = others[0]
+        self._metered_power(taken)
         if 'current' in taken:
             taken.pop('power', None)
             volts = [*self._own.get('voltage', []), *self._shared.get('voltage', [])]
@@ -187,6 +188,14 @@ class _Drive:
         ):
             del taken['position']
         return taken
+
+    def _metered_power(self, taken: dict[str, CandidateColumn]) -> None:
+        """Leave a current that may be the motor's for a power that no voltage makes of it."""
+        current, power = taken.get('current'), taken.get('power')
+        if current is None or power is None or not current.is_vague:
+            return
+        if evidence.metered_pair(power, self._own) is None:
+            del taken['current']
 
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""
@@ -226,7 +235,9 @@ class _Drive:
         lines += self._other_side()
         if _POWERS & set(self._taken) and 'temperature' not in self._taken:
             lines.append(_NONE.format('temperature', 'degC'))
-        lines += [] if 'torque' in self._taken else [_NO_TORQUE]
+        left = [c for c in self._own.get('current', ()) if c not in self._taken.values()]
+        current = (yaml_text(left[0].address), left[0].unit or 'A') if left else ('COLUMN', 'A')
+        lines += [] if 'torque' in self._taken else [_NO_TORQUE.format(*current)]
         if _POWERS & set(self._taken) and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
         elif not metered and not _POWERS & set(self._taken):
