@@ -2,10 +2,14 @@ import json
 
 import numpy as np
 import pytest
+from power_recordings.card import Card
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.commands.arguments import info as info
 from power_recordings.messages.samples import DriveSamples, JointSamples
+from power_recordings.quality.causes import OF_POWER, cause_of
 from power_recordings.quality.check import check_recording
+from power_recordings.quality.findings import power_finding
+from power_recordings.quality.physics import power_balance
 from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording
 from table_log import MAP, csv, run, table
@@ -73,6 +77,7 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
         ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
         ('milliamperes', (1, 1, 1), ('power_units', 'current is in mA?')),
+        ('amperes', (1, 1, 1e-3), ('power_units', 'current is in A or torque is in mN·m?')),
         ('fed', (1, 1, -1), ('power_units', "the meter's sign is wrong")),
     ):
         changed = rows.copy()
@@ -91,6 +96,26 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         errors = [f for f in checked(tmp_path / 'bag') if f.severity == 'error']
         assert [f.code for f in errors] == [expected[0]], name
         assert expected[1] in errors[0].text, name
+
+
+@pytest.mark.parametrize('slope', [0.6e-3, 1e-3, 1.9e-3])
+@pytest.mark.parametrize(
+    ('stated', 'first'),
+    [({'current': 'mA'}, {'current': 'A'}), ({'voltage': 'mV'}, {'voltage': 'V'}), ({}, None)],
+)
+def test_a_meter_that_reads_a_thousandth_is_suspected_before_the_torque(slope, stated, first):
+    card = Card.of({'imported': {'units': {'KNEE': stated}}})
+    cause = cause_of(slope, OF_POWER['current'], card, 'KNEE')
+    torque = {'torque': 'mN*m'}
+    assert [cause.units, *cause.others] == ([first, torque] if first else [torque])
+
+
+def test_a_meter_is_suspected_by_its_size_where_its_power_hardly_follows_the_shaft():
+    torque, speed = np.random.default_rng(3).normal(size=(2, 5000))
+    balance = power_balance(1e-3 * (5 + 0 * speed), torque, 3 * speed)
+    card = Card.of({'imported': {'units': {'KNEE': {'current': 'mA'}}}})
+    found = power_finding('KNEE', balance, card)
+    assert 'current is in A, or units of torque and speed?' in found.text
 
 
 def checked(bag):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from power_recordings.card import Card
 from power_recordings.quality.causes import (
+    OF_METER,
     OF_POWER,
     OF_TORQUE,
     OF_VELOCITY,
@@ -117,7 +118,7 @@ def power_finding(
     certain = decided and meaning
     if balance.impossible and not certain:
         shown = balance.share > _HINTED and bool(meaning)
-        cause = meaning if shown else 'units of torque and speed'
+        cause = str(meaning) if shown else _of_meter(drive, balance, card)
         text = f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were'
         return Finding(
             'power_units', 'error', drive, f'{text} metered: {cause}?', mend if shown else ''
@@ -154,6 +155,13 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text, mend)
     text += ', not by about 1: a gear between, or two units at once? Check those of torque, speed'
     return Finding('power_units', 'error', drive, f'{text}, voltage and current.')
+
+
+def _of_meter(drive: str, balance: ShaftBalance, card: Card) -> str:
+    """Return what may be wrong where power does not follow torque × speed: its size alone."""
+    ratio = balance.power / balance.shaft
+    cause = cause_of(ratio, OF_METER[card.metered(drive)], card, drive)
+    return (f'{cause}, or ' if cause else '') + 'units of torque and speed'
 
 
 def _gain_finding(drive: str, balance: ShaftBalance, usual: bool) -> Finding | None:
