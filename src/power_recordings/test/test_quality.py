@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -58,6 +59,32 @@ def test_a_finding_never_advises_what_the_map_has(tmp_path, right, wrong, mend):
     assert run(log, mapping, tmp_path / 'bag') == 0
     (found,) = [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
     assert found.mend == mend
+
+
+@pytest.mark.parametrize(
+    ('tick', 'gear', 'says', 'mend'),
+    [
+        ('2 ms', 'gear_ratio: 100', r'the time counts 2 ms\?$', 'time: {unit: 2 ms}'),
+        ('2 ms', '', r'the time counts 2 ms\? Or a gear between', ''),
+        ('3 ms', 'gear_ratio: 100', 'a gear between the two', ''),
+        ('0.5 ms', '', r'a gear between the two.* Or the time counts 0\.5 ms\?', ''),
+        ('2 ms', 'gear_ratio: 2', 'a gear between the two', ''),
+    ],
+)
+def test_ticks_in_another_unit_than_stated_are_told_by_the_rate_of_the_position(
+    tmp_path, tick, gear, says, mend
+):
+    """A gear makes the same factor, unless another one is known."""
+    rows = table(2000)
+    rows[:, 0] /= float(tick.split()[0])
+    mapping = MAP.replace('  KNEE:', f'  KNEE:\n    {gear}' if gear else '  KNEE:')
+    assert run(csv(tmp_path / 'log.csv', rows), mapping, tmp_path / 'bag') == 0
+    (found,) = [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
+    assert re.search(says, found.text)
+    assert found.mend == mend
+    right = mapping.replace('unit: ms', f'unit: {tick}')
+    run(tmp_path / 'log.csv', right, tmp_path / 'bag', '--overwrite')
+    assert not [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
 
 
 def _sizes(units):
