@@ -145,6 +145,31 @@ def test_a_meter_is_suspected_by_its_size_where_its_power_hardly_follows_the_sha
     assert 'current is in A, or units of torque and speed?' in found.text
 
 
+@pytest.mark.parametrize(
+    ('at', 'entry', 'mend'),
+    [
+        ('joint', 'motor_current: {from: i, unit: A}', 'torque: {at: motor}'),
+        ('motor', 'motor_current: {from: i, unit: A}', None),  # as the map says
+        ('joint', 'current: {from: i, unit: A}', ''),
+    ],
+)
+def test_a_torque_that_is_a_current_times_a_constant_is_no_measurement(tmp_path, at, entry, mend):
+    rows = table(2000)
+    rows[:, 4] = np.cos(3 * rows[:, 0] / 1e3)
+    noise = 0.02 * np.random.default_rng(1).normal(size=len(rows))
+    for torque, computed in ((0.3 * rows[:, 4], True), (0.3 * rows[:, 4] + noise, False)):
+        rows[:, 3] = np.round(torque, 4)
+        mapping = MAP.replace('{from: iq, scale: 0.5, from_unit: A, at: motor}', '{from: iq}')
+        mapping = mapping.replace('{from: iq}', f'{{from: iq, unit: N*m, at: {at}}}')
+        mapping = mapping.replace('current: {from: i, unit: mA, positive: fed}', entry)
+        power = '    power: {from: pos, unit: W}\n' if 'motor' in entry else ''
+        mapping = mapping.replace('card:', f'{power}card:')
+        assert run(csv(tmp_path / 'log.csv', rows), mapping, tmp_path / 'bag', '--overwrite') == 0
+        found = [f for f in checked(tmp_path / 'bag') if f.code == 'computed_torque']
+        assert [f.mend for f in found] == ([mend] if computed and mend is not None else [])
+        assert all('0.3 N·m for each A' in f.text for f in found)
+
+
 def checked(bag):
     return check_recording(Recording.open(bag)).findings
 

@@ -259,6 +259,17 @@ def computed_findings(card: Card) -> list[Finding]:
     return found
 
 
+def computed_torque(drive: str, factor: float, whose: str) -> Finding:
+    """Return the warning that a torque is `factor` N·m for each A of a current."""
+    text = (
+        f'torque is {factor:.4g} N·m for each A of the {whose} current throughout: computed from '
+        'it, and no measurement beside it, so that torque and copper loss share one sensor'
+    )
+    mend = 'torque: {at: motor}' if whose == "motor's" else ''
+    text += '' if mend else "; is this current the motor's, and no meter's?"
+    return Finding('computed_torque', 'warning', drive, text, mend)
+
+
 def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | None:
     """Return a warning if a drive's voltage [N] never changes, else None."""
     known = voltage[np.isfinite(voltage)]
