@@ -59,3 +59,12 @@ def test_a_preamble_with_a_row_of_numbers_and_names_above_comments_is_read(tmp_p
     (tmp_path / 'log.lvm').write_text(text)
     columns = DelimitedFile(tmp_path / 'log.lvm').columns()
     assert [column.address for column in columns][:3] == ['X_Value', 'Torque [Nm]', 'I [A]']
+
+
+@pytest.mark.parametrize('note', [' (0..360)', ' (x' * 33_000 + ')', ' ' * 50_000 + '(wrapped)'])
+def test_a_unit_is_read_before_a_note_of_any_length(tmp_path, note):
+    """Up to 100 kB in one field, in the time that a pass over it takes."""
+    rows = ''.join(f'{i / 10},{i},2\n' for i in range(9))
+    (tmp_path / 'log.csv').write_text(f't,q,n\ns,deg{note},rpm\n{rows}')
+    columns = DelimitedFile(tmp_path / 'log.csv').columns()
+    assert [column.unit for column in columns] == ['s', 'deg', 'rpm']

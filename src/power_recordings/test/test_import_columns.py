@@ -30,6 +30,14 @@ def test_both_signs_of_a_brake_are_turned_where_its_losses_would_give_power(tmp_
     _, lines = guessed(tmp_path, capsys, {**columns, 'DC power returned (W)': -power})
     assert 'scale: -1' in lines['torque']
     assert 'positive: fed' in lines['power']
+    assert lines['power'].endswith('sign by physics: else losses give power')
+
+
+def test_a_turned_sign_is_explained_by_the_one_thing_that_was_seen(tmp_path, capsys):
+    power = SHAFT + 0.5 * TORQUE**2 + 9.0 + NOISE
+    columns = {'t_s': T, 'speed_rpm': SPEED, 'torque_Nm': -TORQUE, 'power_W': power}
+    _, lines = guessed(tmp_path, capsys, columns)
+    assert 'else power falls as torque × speed rises;' in lines['torque'] + ';'
 
 
 def test_a_time_of_day_alone_is_the_time(tmp_path, capsys):
@@ -122,3 +130,17 @@ def test_a_start_time_that_never_changes_is_no_time(tmp_path, capsys):
     log.write_text('\n'.join(['started,FL_rpm,FL_Nm', *rows]))
     assert main([str(log), '--list']) == 0
     assert 'column: started' not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('head', 'taken'), [('t_s,finger_rpm,i_mA,p_mW', 'power'), ('t_s,finger_rpm,i,p,U', 'current')]
+)
+def test_a_metered_power_goes_before_a_current_that_may_be_the_motors(
+    tmp_path, capsys, head, taken
+):
+    """Unless a voltage shows that the current is of the same meter."""
+    amps = 0.2 + 0.1 * np.sin(T)
+    values = [T, SPEED, amps, 48 * amps, 48 + 1e-3 * NOISE]
+    columns = dict(zip(head.split(','), values, strict=False))
+    _, lines = guessed(tmp_path, capsys, columns)
+    assert {'power', 'current'} & set(lines) == {taken}

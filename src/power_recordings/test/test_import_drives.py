@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import yaml
 from power_recordings.commands.arguments import import_logs as main
-from table_log import csv
+from power_recordings.reading.reader import Recording
+from table_log import csv, run
 
 T = np.arange(1200) / 100.0
 RNG = np.random.default_rng(5)
@@ -82,7 +83,7 @@ def test_columns_of_motion_that_a_lone_drive_leaves_are_told(tmp_path, capsys):
     assert '# not used: rotation_speed_two_rpm, torque_two_Nm. Of another drive?' in text
 
 
-@pytest.mark.parametrize('name', ['ntc', 'coil_C', 'winding_ntc'])
+@pytest.mark.parametrize('name', ['ntc', 'coil_C', 'winding_ntc', 'T_wind_C'])
 def test_a_temperature_is_known_by_its_sensor_and_by_a_winding_in_degrees(tmp_path, capsys, name):
     columns = f'angle_rad speed_rpm torque_Nm Vdc Idc {name}'
     found, _ = guess(tmp_path, capsys, columns)
@@ -163,6 +164,21 @@ def test_thousands_of_rows_that_follow_on_another_are_not_taken_for_operating_po
     log = csv(tmp_path / 'log.csv', table, 'speed_rpm,torque_Nm,bus_V,bus_A')
     assert main([str(log), '--list']) == 0
     assert yaml.safe_load(capsys.readouterr().out)['time'].items() >= time.items()
+
+
+@pytest.mark.parametrize('name', ['cycle', 'sample', 'row'])
+def test_a_count_of_rows_is_the_time_once_its_period_is_filled_in(tmp_path, capsys, name):
+    count = np.delete(np.arange(100, 3120), np.arange(600, 620))  # of which 20 were lost
+    t = count * 2e-3
+    table = np.stack([count, np.sin(t), np.cos(1.7 * t), 48 + 0 * t, 1 + np.sin(t) ** 2], axis=1)
+    log = csv(tmp_path / 'log.csv', table, f'{name},vel_rad_s,torque_Nm,bus_V,bus_A')
+    assert main([str(log), '--list']) == 0
+    text = capsys.readouterr().out
+    assert f"time: {{column: {name}, unit: 'PERIOD ms'}}" in text
+    assert run(log, text, tmp_path / 'bag') == 2
+    assert "unit 'PERIOD ms' of time is not known" in capsys.readouterr().err
+    assert run(log, text.replace('PERIOD', '2'), tmp_path / 'bag') == 0
+    assert Recording.open(tmp_path / 'bag').duration == pytest.approx(3019 * 2e-3)
 
 
 @pytest.mark.parametrize(

@@ -333,6 +333,25 @@ def test_a_speed_along_the_ground_asks_for_the_radius_of_the_wheel(tmp_path, cap
     assert '# velocity: {from: vel_m_s, scale: 1, unit: rad/s}   # along the' in text
 
 
+@pytest.mark.parametrize(
+    ('way', 'speed', 'scale'),
+    [
+        ('dist_m', 'speed_kmh', '1'),
+        ('car_mm', 'car_mm_s', '0.001'),
+        ('pos [mm]', 'v [mm/min]', '0.001'),
+    ],
+)
+def test_a_way_along_the_ground_asks_for_the_radius_and_is_no_angle(
+    tmp_path, capsys, way, speed, scale
+):
+    own = {way: 20 * ANGLE, speed: SPEED, 'tau_Nm': TORQUE, 'U': VOLTS, 'I': WATTS / VOLTS}
+    text, lines = guess(tmp_path, capsys, **own)
+    name = f"'{way}'" if ' ' in way else way
+    assert f'# position: {{from: {name}, scale: {scale}, unit: rad}}' in text
+    assert 'the radius of wheel or pulley in m' in lines['# position']
+    assert not {'position', 'velocity'} & set(lines)
+
+
 def test_fields_of_a_structure_are_known_by_their_own_names(tmp_path, capsys):
     own = {'log.n': 10 * SPEED, 'log.Tq': TORQUE, 'log.Udc': VOLTS, 'log.Idc': WATTS / VOLTS}
     _, lines = guess(tmp_path, capsys, **own)

@@ -1,11 +1,16 @@
 import json
+import re
 
 import numpy as np
 import pytest
+from power_recordings.card import Card
 from power_recordings.commands.arguments import import_logs as main
 from power_recordings.commands.arguments import info as info
 from power_recordings.messages.samples import DriveSamples, JointSamples
+from power_recordings.quality.causes import OF_POWER, cause_of
 from power_recordings.quality.check import check_recording
+from power_recordings.quality.findings import power_finding
+from power_recordings.quality.physics import power_balance
 from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording
 from table_log import MAP, csv, run, table
@@ -56,6 +61,32 @@ def test_a_finding_never_advises_what_the_map_has(tmp_path, right, wrong, mend):
     assert found.mend == mend
 
 
+@pytest.mark.parametrize(
+    ('tick', 'gear', 'says', 'mend'),
+    [
+        ('2 ms', 'gear_ratio: 100', r'the time counts 2 ms\?$', 'time: {unit: 2 ms}'),
+        ('2 ms', '', r'the time counts 2 ms\? Or a gear between', ''),
+        ('3 ms', 'gear_ratio: 100', 'a gear between the two', ''),
+        ('0.5 ms', '', r'a gear between the two.* Or the time counts 0\.5 ms\?', ''),
+        ('2 ms', 'gear_ratio: 2', 'a gear between the two', ''),
+    ],
+)
+def test_ticks_in_another_unit_than_stated_are_told_by_the_rate_of_the_position(
+    tmp_path, tick, gear, says, mend
+):
+    """A gear makes the same factor, unless another one is known."""
+    rows = table(2000)
+    rows[:, 0] /= float(tick.split()[0])
+    mapping = MAP.replace('  KNEE:', f'  KNEE:\n    {gear}' if gear else '  KNEE:')
+    assert run(csv(tmp_path / 'log.csv', rows), mapping, tmp_path / 'bag') == 0
+    (found,) = [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
+    assert re.search(says, found.text)
+    assert found.mend == mend
+    right = mapping.replace('unit: ms', f'unit: {tick}')
+    run(tmp_path / 'log.csv', right, tmp_path / 'bag', '--overwrite')
+    assert not [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
+
+
 def _sizes(units):
     """Return what turns and rpm are in other units."""
     return [
@@ -73,6 +104,7 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
         ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
         ('milliamperes', (1, 1, 1), ('power_units', 'current is in mA?')),
+        ('amperes', (1, 1, 1e-3), ('power_units', 'current is in A or torque is in mN·m?')),
         ('fed', (1, 1, -1), ('power_units', "the meter's sign is wrong")),
     ):
         changed = rows.copy()
@@ -91,6 +123,51 @@ def test_units_are_named_by_the_factor_that_they_make(tmp_path):
         errors = [f for f in checked(tmp_path / 'bag') if f.severity == 'error']
         assert [f.code for f in errors] == [expected[0]], name
         assert expected[1] in errors[0].text, name
+
+
+@pytest.mark.parametrize('slope', [0.6e-3, 1e-3, 1.9e-3])
+@pytest.mark.parametrize(
+    ('stated', 'first'),
+    [({'current': 'mA'}, {'current': 'A'}), ({'voltage': 'mV'}, {'voltage': 'V'}), ({}, None)],
+)
+def test_a_meter_that_reads_a_thousandth_is_suspected_before_the_torque(slope, stated, first):
+    card = Card.of({'imported': {'units': {'KNEE': stated}}})
+    cause = cause_of(slope, OF_POWER['current'], card, 'KNEE')
+    torque = {'torque': 'mN*m'}
+    assert [cause.units, *cause.others] == ([first, torque] if first else [torque])
+
+
+def test_a_meter_is_suspected_by_its_size_where_its_power_hardly_follows_the_shaft():
+    torque, speed = np.random.default_rng(3).normal(size=(2, 5000))
+    balance = power_balance(1e-3 * (5 + 0 * speed), torque, 3 * speed)
+    card = Card.of({'imported': {'units': {'KNEE': {'current': 'mA'}}}})
+    found = power_finding('KNEE', balance, card)
+    assert 'current is in A, or units of torque and speed?' in found.text
+
+
+@pytest.mark.parametrize(
+    ('at', 'entry', 'mend'),
+    [
+        ('joint', 'motor_current: {from: i, unit: A}', 'torque: {at: motor}'),
+        ('motor', 'motor_current: {from: i, unit: A}', None),  # as the map says
+        ('joint', 'current: {from: i, unit: A}', ''),
+    ],
+)
+def test_a_torque_that_is_a_current_times_a_constant_is_no_measurement(tmp_path, at, entry, mend):
+    rows = table(2000)
+    rows[:, 4] = np.cos(3 * rows[:, 0] / 1e3)
+    noise = 0.02 * np.random.default_rng(1).normal(size=len(rows))
+    for torque, computed in ((0.3 * rows[:, 4], True), (0.3 * rows[:, 4] + noise, False)):
+        rows[:, 3] = np.round(torque, 4)
+        mapping = MAP.replace('{from: iq, scale: 0.5, from_unit: A, at: motor}', '{from: iq}')
+        mapping = mapping.replace('{from: iq}', f'{{from: iq, unit: N*m, at: {at}}}')
+        mapping = mapping.replace('current: {from: i, unit: mA, positive: fed}', entry)
+        power = '    power: {from: pos, unit: W}\n' if 'motor' in entry else ''
+        mapping = mapping.replace('card:', f'{power}card:')
+        assert run(csv(tmp_path / 'log.csv', rows), mapping, tmp_path / 'bag', '--overwrite') == 0
+        found = [f for f in checked(tmp_path / 'bag') if f.code == 'computed_torque']
+        assert [f.mend for f in found] == ([mend] if computed and mend is not None else [])
+        assert all('0.3 N·m for each A' in f.text for f in found)
 
 
 def checked(bag):

@@ -10,18 +10,14 @@ from typing import Final
 import numpy as np
 from wattwalk_core.arrays import Floats
 
+from power_recordings.importing.ground import is_along
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.units import quantities_of
-from power_recordings.importing.words import words
+from power_recordings.importing.words import WANTED, words
 
 MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
 _MOTION: Final = MECHANICAL[:3]  # a current alone may be one of three phases
-WANTED: Final = (
-    r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
-)
-ALONG_GROUND: Final = r'(?<![a-z])(km/?h|kph|mph|m[/_]s)[\])]?$'
-"""Units of a speed that is none of a shaft, in lower case."""
 _ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
 _DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
 _WATTS = r'(power|watt|pwr)'
@@ -63,7 +59,7 @@ _RULES: Final = (
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
     ('supply_power', rf'{_ROBOT}.*{_WATTS}'),
-    ('temperature', r'(^|_)t_\w*(winding|mot|wdg|wick|stator|coil)(?!.*_(in|out)$)'),
+    ('temperature', r'(^|_)t_\w*(wind(ing|_|$)|mot|wdg|wick|stator|coil)(?!.*_(in|out)$)'),
     (
         'temperature',
         r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))'
@@ -243,7 +239,7 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     rank, quantity = next(by_name, by_unit)
     if not quantity or (still and quantity not in _STILL):
         return None
-    if quantity == 'velocity' and re.search(ALONG_GROUND, column.address.lower()):
+    if quantity in ('velocity', 'position') and is_along(column.address):
         return None
     if quantity == 'velocity' and not unit and (np.diff(item.values) == 1.0).all():
         return None  # numbers of the rows

@@ -12,18 +12,17 @@ from wattwalk_core.errors import printable
 
 from power_recordings.importing import evidence
 from power_recordings.importing.candidates import (
-    ALONG_GROUND,
     MECHANICAL,
-    WANTED,
     CandidateColumn,
     candidates,
 )
 from power_recordings.importing.evidence import ByQuantity, Choice
+from power_recordings.importing.ground import along_lines
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, JOINT, QUANTITIES
-from power_recordings.importing.time_guess import row_times, time_line, yaml_text
+from power_recordings.importing.time_guess import row_times, time_line
 from power_recordings.importing.units import SI
-from power_recordings.importing.words import words
+from power_recordings.importing.words import words, yaml_text
 
 _GUESSED_UNIT: Final = {**SI, 'efficiency': '1'}
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
@@ -34,20 +33,16 @@ _OF_ODRIVE: Final = r'(^|_)(fet_temp|fet_thermistor)|(pos|vel)_estimate'
 _POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is known by
 _WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
-_TURNED: Final = 'sign by physics: else power falls as torque × speed rises, or losses give power'
-_NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
-_ALONG: Final = (
-    '    # velocity: {{from: {}, scale: {:.4g}, unit: rad/s}}   # along the ground: scale over '
-    "the wheel's radius in m"
-)
-_GROUND: Final = {
-    **dict.fromkeys(('km/h', 'kmh', 'kph'), 1 / 3.6),
-    **dict.fromkeys(('m/s', 'm_s'), 1.0),
-    'mph': 0.44704,
+_TURNED: Final = {
+    'torque': 'power falls as torque × speed rises',
+    'power': 'power falls as torque × speed rises, and losses give power',
+    'both': 'losses give power',
 }
+"""What a log says of its signs as they are, by what is turned."""
+_NONE: Final = '    # {}: {{from: COLUMN, unit: {}}}   # no column looks like one'
 _NO_TORQUE: Final = (
-    '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
-    'motor: {from: COLUMN, unit: A, at: motor}'
+    '    # torque: {{from: COLUMN, unit: N*m}}   # no column looks like one; of the current of a '
+    'motor: {{from: {}, unit: {}, at: motor}}'
 )
 _OTHER_SIDE: Final = (
     '    # motor_current: {{from: {}, unit: A}}   # what was commanded, N·m for A up to a '
@@ -108,7 +103,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     ]
     lines.append('drives:')
     in_turns = any(re.search(_OF_ODRIVE, words(one.column.address)) for one in listed)
-    along = next(filter(None, map(_along, listed)), '')
+    along = along_lines(listed)
     time = row_times(found)
     made = {n or 'DRIVE': _Drive(q, shared, in_turns, along, time) for n, q in drives.items()}
     chosen = [drive.choice for drive in made.values() if drive.choice is not None]
@@ -131,7 +126,12 @@ class _Drive:
     """The lines of one drive: its own columns, and those that no drive owns."""
 
     def __init__(
-        self, own: ByQuantity, shared: ByQuantity, in_turns: bool, along: str, time: Floats
+        self,
+        own: ByQuantity,
+        shared: ByQuantity,
+        in_turns: bool,
+        along: Mapping[str, str],
+        time: Floats,
     ) -> None:
         self._in_turns, self._along, self._time = in_turns, along, time
         measured = [c for c in own.get('torque', ()) if not c.held]
@@ -168,6 +168,7 @@ class _Drive:
             own_rank = taken[quantity].rank if quantity in taken else np.inf
             if own_rank == np.inf or (quantity == 'temperature' and others[0].rank < own_rank):
                 taken[quantity] = others[0]
+        self._metered_power(taken)
         if 'current' in taken:
             taken.pop('power', None)
             volts = [*self._own.get('voltage', []), *self._shared.get('voltage', [])]
@@ -187,6 +188,14 @@ class _Drive:
         ):
             del taken['position']
         return taken
+
+    def _metered_power(self, taken: dict[str, CandidateColumn]) -> None:
+        """Leave a current that may be the motor's for a power that no voltage makes of it."""
+        current, power = taken.get('current'), taken.get('power')
+        if current is None or power is None or not current.is_vague:
+            return
+        if evidence.metered_pair(power, self._own) is None:
+            del taken['current']
 
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""
@@ -218,16 +227,17 @@ class _Drive:
             if (taken := self._taken.get(quantity)) is not None:
                 lines += [_AT] if quantity == 'torque' else []
                 lines.append(self._line(quantity, taken))
-            elif quantity == 'velocity' and self._along:
-                lines.append(self._along)
             elif quantity in ('position', 'velocity'):
-                lines.append(_NONE.format(quantity, _GUESSED_UNIT[quantity]))
+                none = _NONE.format(quantity, _GUESSED_UNIT[quantity])
+                lines.append(self._along.get(quantity, none))
         of_motor = [t for q in JOINT if (t := self._taken.get(q)) and self._at(t)[0] == 'motor']
         lines = [_GEAR, *lines] if of_motor else lines
         lines += self._other_side()
         if _POWERS & set(self._taken) and 'temperature' not in self._taken:
             lines.append(_NONE.format('temperature', 'degC'))
-        lines += [] if 'torque' in self._taken else [_NO_TORQUE]
+        left = [c for c in self._own.get('current', ()) if c not in self._taken.values()]
+        current = (yaml_text(left[0].address), left[0].unit or 'A') if left else ('COLUMN', 'A')
+        lines += [] if 'torque' in self._taken else [_NO_TORQUE.format(*current)]
         if _POWERS & set(self._taken) and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
         elif not metered and not _POWERS & set(self._taken):
@@ -260,17 +270,17 @@ class _Drive:
         stated = f"'{stated}'" if stated in ('%', '1', '-') else stated
         parts = [f'from: {yaml_text(taken.address)}', f'unit: {stated}']
         if quantity == 'torque':
-            at, why = self._at(taken)
+            at, said = self._at(taken)
             parts[1:] = [f'unit: {unit or "A"}'] if taken.quantity == 'winding' else parts[1:]
-            if self._turned('torque', taken):
+            if why := self._turned('torque', taken):
                 parts.append('scale: -1')
-                notes.append(_TURNED)
+                notes.append(why)
             parts.append(f'at: {at}')
-            notes += [why] if why else []
+            notes += [said] if said else []
         if quantity in ('current', 'power'):
             fed = self._turned('power', taken)
             parts.append('positive: fed' if fed else 'positive: drawn')
-            notes += [_TURNED] if fed else []
+            notes += [fed] if fed else []
             if re.search(r'(^|_)i_?bus(_|$)', words(taken.address)):
                 parts += ['computed: true'] if self._in_turns else []
                 notes.append('an ODrive computes it' if self._in_turns else _METER)
@@ -282,12 +292,13 @@ class _Drive:
             notes.append('or ' + printable(', '.join(c.address + c.doubt for c in others)))
         return f'    {quantity}: {{{", ".join(parts)}}}   # {"; ".join(notes)}'
 
-    def _turned(self, what: str, taken: CandidateColumn) -> bool:
-        """Tell whether physics shows a column to count the other way."""
+    def _turned(self, what: str, taken: CandidateColumn) -> str:
+        """Return how physics shows a column to count the other way, '' if it does not."""
         choice = self.choice
-        if choice is None or choice.turned not in (what, 'both'):
-            return False
-        return taken == choice.torque if what == 'torque' else taken in choice.meter
+        if choice is None or not choice.turned or choice.turned not in (what, 'both'):
+            return ''
+        own = taken == choice.torque if what == 'torque' else taken in choice.meter
+        return f'sign by physics: else {_TURNED[choice.turned]}' if own else ''
 
     def _speed_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         name = words(taken.address)
@@ -335,16 +346,6 @@ class _Drive:
             known = re.search(f'{_MEASURED}|{_BEHIND}', name)
             return 'joint', '' if known else 'at: joint is a guess'
         return 'motor', f'at: motor, as its name has {said[0].strip("_")}'
-
-
-def _along(item: Listed) -> str:
-    """A line for a speed along the ground, '' of any other column."""
-    name = item.column.address.lower()
-    found = re.search(ALONG_GROUND, name)
-    named = re.search(r'speed|vel|tempo|geschw', name) and not re.search(WANTED, words(name))
-    if not found or not named:
-        return ''
-    return _ALONG.format(yaml_text(item.column.address), _GROUND[found[1]])
 
 
 def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:

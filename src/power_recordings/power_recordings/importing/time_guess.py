@@ -1,6 +1,5 @@
 """The time of a log as a guessed map has it: a column, several that are added, a rate or none."""
 
-import json
 import re
 from collections.abc import Sequence
 from typing import Final
@@ -12,7 +11,7 @@ from wattwalk_core.errors import printable
 from power_recordings.importing.candidates import MECHANICAL, CandidateColumn
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.times import is_date, is_time_of_day
-from power_recordings.importing.words import words
+from power_recordings.importing.words import words, yaml_text
 
 _TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 _RATES: Final = (5.0, 2e4)  # Hz
@@ -20,6 +19,8 @@ _FEWEST, _EVEN = 30, 3.0  # rows of a column that is a time by its steps, and th
 _SERIES: Final = 2000  # rows, more than points are measured by hand or in a grid
 _MOSTLY, _STEP = 0.99, 0.5  # share of rows, and of the spread, that a motion goes on by at most
 _OTHERS: Final = 2  # columns that are named beside the one that was taken
+_MOSTLY_BY_ONE: Final = 0.9
+_PERIOD: Final = "{{column: {}, unit: 'PERIOD ms'}}"
 _MILLI: Final = r'milli_?seconds?|milli_?secs?|msecs?|ms'
 
 
@@ -45,7 +46,12 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
         if not times and clock.changes > 0:
             return f'time: {{column: {yaml_text(clock.column.address)}}}   # times of day'
     motion = [c for c in found if c.quantity in MECHANICAL]
+    used = [c.listed for c in found]
+    counter = next((n for n in listed if n not in used and _counts_cycles(n)), None)
+    period = '' if counter is None else _PERIOD.format(yaml_text(counter.column.address))
     if not times and motion and all(map(_follow, motion)):
+        if period:
+            return f'time: {period}   # it counts the rows: fill in the period of one, as 2 ms'
         return (
             'time: {column: COLUMN, unit: s}   # no column looks like one: fill in; of a log at a '
             'fixed rate: {rate: 100}; where each row is an operating point: {steady: true}'
@@ -54,6 +60,7 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
         return (
             'time: {steady: true}   # no column looks like a time: each row an operating point; '
             'of a log at a fixed rate: {rate: 100}'
+            + (f', or of counts: {period}' if period else '')
         )
     best = _best(times)
     unit, why = (best.unit, '') if best.unit else _time_unit(best)
@@ -110,7 +117,7 @@ def _is_milli(item: Listed) -> bool:
 def _ticks(first: Listed) -> bool:
     """Tell whether the first column of a table goes on in even steps, and not by ones."""
     steps = np.diff(first.values)
-    if len(steps) < _FEWEST or not (steps > 0).all() or (steps == 1.0).all():
+    if len(steps) < _FEWEST or not (steps > 0).all() or _by_ones(steps):
         return False
     return float(np.quantile(steps, 0.9)) < _EVEN * float(np.quantile(steps, 0.1))
 
@@ -122,6 +129,21 @@ def _follow(candidate: CandidateColumn) -> bool:
         return False
     steps = np.abs(np.diff(known))
     return bool(np.quantile(steps, _MOSTLY) < _STEP * np.std(known))
+
+
+def _counts_cycles(item: Listed) -> bool:
+    """Tell whether a column goes up with each row, nearly always by one: a few were lost."""
+    steps = np.diff(item.values)
+    return (
+        len(steps) >= _FEWEST
+        and not item.column.unit
+        and bool((steps > 0).all())
+        and _by_ones(steps)
+    )
+
+
+def _by_ones(steps: Floats) -> bool:
+    return bool(np.mean(steps == 1.0) > _MOSTLY_BY_ONE)
 
 
 def _counts(candidate: CandidateColumn) -> bool:
@@ -143,12 +165,3 @@ def _time_unit(candidate: CandidateColumn) -> tuple[str, str]:
         if _RATES[0] <= (rate := 1 / (float(np.median(steps)) * factor)) <= _RATES[1]:
             return unit, f'{unit} makes {rate:.3g} rows a second'
     return 's', 'unit not stated: check'
-
-
-def yaml_text(text: str) -> str:
-    """Return a text as a YAML scalar, quoted if needed."""
-    if not text.isprintable():
-        return json.dumps(text)
-    if re.fullmatch(r'[A-Za-z_/][\w/.:\-]*', text) and not text.endswith(':'):
-        return text if ': ' not in text else f"'{text}'"
-    return "'" + text.replace("'", "''") + "'"

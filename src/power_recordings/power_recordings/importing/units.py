@@ -47,6 +47,7 @@ _ENERGY: Final = re.compile(r'(?i)[kmµ]?(wh|w\*?s|j|joules?|e?v\*?a?s|cal)')
 
 # What pint is given: names, products and small powers. It computes 9**9**9, too.
 _NAME = r'[A-Za-zµμΩ°_]{1,20}(\^|\*\*)?-?\d?'
+_LONGEST: Final = 100  # characters
 _PLAIN = re.compile(rf'(1\s*/\s*)?{_NAME}(\s*[*/· ]\s*{_NAME}){{0,4}}')
 
 
@@ -97,7 +98,9 @@ def conversion(unit: str, quantity: str) -> Conversion:
 
     registry = pint.get_application_registry()
     try:
-        if not _PLAIN.fullmatch(unit) or (quantity == 'torque' and _ENERGY.fullmatch(unit)):
+        if len(unit) > _LONGEST or not _PLAIN.fullmatch(unit):
+            raise ValueError
+        if quantity == 'torque' and _ENERGY.fullmatch(unit):
             raise ValueError
         zero, one = (registry.Quantity(x, unit).to(wanted).magnitude for x in (0.0, 1.0))
         angular = 'radian' in dict(registry.get_root_units(unit)[1]._units)

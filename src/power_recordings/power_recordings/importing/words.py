@@ -1,5 +1,6 @@
 """Words in the name of a column, and what they say of it."""
 
+import json
 import re
 from pathlib import Path
 from typing import Final, Literal
@@ -20,6 +21,10 @@ _OF_UNIT: Final[dict[str, Kind]] = {
     **dict.fromkeys(('A', 'mA'), 'current'),
     **dict.fromkeys(('V', 'mV'), 'voltage'),
 }
+WANTED: Final = (
+    r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
+)
+"""Words of what is commanded, and not measured."""
 _SPELLINGS: Final = read_yaml(Path(__file__).with_name('spellings.yaml'), 'spellings')
 
 
@@ -60,3 +65,12 @@ def axis_of(address: str) -> Axis:
     """Return the axis of a motor's rotating frame in a column's name: q, d or '' if none."""
     found = _AXIS.search(words(address))
     return found[2] if found else ''  # type: ignore[return-value]
+
+
+def yaml_text(text: str) -> str:
+    """Return a text as a YAML scalar, quoted if needed."""
+    if not text.isprintable():
+        return json.dumps(text)
+    if re.fullmatch(r'[A-Za-z_/][\w/.:\-]*', text) and not text.endswith(':'):
+        return text if ': ' not in text else f"'{text}'"
+    return "'" + text.replace("'", "''") + "'"

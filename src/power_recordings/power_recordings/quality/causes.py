@@ -28,9 +28,10 @@ _SPOKEN: Final = {
     'us': 'µs',
 }
 TOLERANCE: Final = 0.12  # of a slope, from which units that make it may differ
-_WIDE: Final = 1.6  # times by which losses may take a slope off that of torque or current
+_WIDE: Final = 2.0  # times by which losses may take a slope off that of torque or current
 _CHOSEN: Final = 0.03  # of a slope, for a unit other than that of a recording
-_LOSSY: Final = (('torque',), ('current',), ('power',))
+_LOSSY: Final = (('torque',), ('current',), ('voltage',), ('power',))
+_METER: Final = ('current', 'voltage', 'power')  # whose units differ by thousands and no less
 
 # Quantities that are wrong alone or together, each with its exponent in a slope.
 Causes = Sequence[Mapping[str, int]]
@@ -41,15 +42,21 @@ OF_VELOCITY: Final[Causes] = (
     {'position': 1, 'velocity': -1},
 )
 OF_TORQUE: Final[Causes] = ({'torque': 1},)
+OF_METER: Final[Mapping[str, Causes]] = {
+    'current': ({'current': -1}, {'voltage': -1}),
+    'power': ({'power': -1},),
+    '': (),
+}
+"""By what the power is known by."""
 OF_POWER: Final[Mapping[str, Causes]] = {
     'current': (
+        *OF_METER['current'],
         {'velocity': 1},
         *OF_TORQUE,
-        {'current': -1},
         {'velocity': 1, 'torque': 1},
         {'current': -1, 'voltage': -1},
     ),
-    'power': ({'velocity': 1}, *OF_TORQUE, {'power': -1}, {'velocity': 1, 'torque': 1}),
+    'power': ({'velocity': 1}, *OF_TORQUE, *OF_METER['power'], {'velocity': 1, 'torque': 1}),
     '': ({'velocity': 1}, *OF_TORQUE, {'velocity': 1, 'torque': 1}),
 }
 """By what the power is known by."""
@@ -109,7 +116,7 @@ def cause_of(slope: float, causes: Causes, card: Card, drive: str) -> Cause:
     """Return the units that make a slope, where 1 is right, of what it is; none if none do.
 
     They differ from those that the map states, and rather from the usual ones, which a guess may
-    have put there. drive: '' for all.
+    have put there; those of a meter are as likely. drive: '' for all.
     """
     best, nearest = Cause({}), np.inf
     for exponents in causes:
@@ -118,8 +125,10 @@ def cause_of(slope: float, causes: Causes, card: Card, drive: str) -> Cause:
             for (quantity, exponent), unit in zip(exponents.items(), units, strict=True):
                 usual = next(iter(UNITS[quantity]))
                 stated = card.unit_of(drive, quantity) or usual
-                chosen += _CHOSEN * (stated != usual)
-                size = UNITS[quantity].get(stated, np.nan) if stated != unit else np.nan
+                chosen += _CHOSEN * (stated != usual and quantity not in _METER)
+                seen = stated == usual and tuple(exponents) == ('voltage',)  # by its size alone
+                known = stated != unit and not seen
+                size = UNITS[quantity].get(stated, np.nan) if known else np.nan
                 factor *= (UNITS[quantity][unit] / size) ** exponent
             off = abs(np.log(max(slope, 1e-12) / factor))
             limit = np.log(_WIDE if tuple(exponents) in _LOSSY else 1 + TOLERANCE)

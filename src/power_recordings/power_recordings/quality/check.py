@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from wattwalk_core.arrays import Floats, Singles
+from wattwalk_core.arrays import Floats, Singles, Stamps
 
 from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import (
@@ -28,6 +28,7 @@ _LEAST_CORRELATION = 0.7
 _STILL = 0.2  # rad from where a drive stands
 _PLAIN_CORRELATION = 0.97
 _GENERATES = 0.5  # of the power that flows out, by the joints: then nothing is wrong with its sign
+_VARIES = 0.2  # of the mean speed: at one speed the supply's current goes with the torque
 _LEAST_DRAWN = 0.1  # of the power, by the torque
 
 
@@ -141,6 +142,7 @@ class _Checker:
         motion = (time, torque, velocity)
         agree = slope == slope or name in self._card.derived_velocity
         balance = self._power(name, power, motion, agree) if known else None
+        self._torque_of_current(name, torque, velocity)
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
@@ -156,6 +158,27 @@ class _Checker:
             cells,
             quadrants,
         )
+
+    def _torque_of_current(self, name: str, torque: Floats, velocity: Floats) -> None:
+        """Find a torque that was computed from a current, though the map has it as another's."""
+        joints, electric, card = self._joints, self._electric, self._card
+        if joints is None or not len(torque) or card.torque_unit.get(name) == 'A':
+            return
+        known = dict[str, tuple[Stamps, Singles]]()
+        if self._recording.has('motor_current') and card.torque.get(name) == 'joint':
+            motor = self._recording.motor_current()
+            if name in motor.names:
+                known["motor's"] = motor.stamp_ns, motor.current[:, motor.names.index(name)]
+        speed = np.abs(velocity[np.isfinite(velocity)])
+        varies = len(speed) and speed.std() > _VARIES * speed.mean()
+        apart = card.column(name, 'current') != card.column(name, 'torque')
+        if electric is not None and name in electric.names and varies and apart:
+            amps = electric.current[:, electric.names.index(name)]
+            known["supply's"] = electric.stamp_ns, amps
+        for whose, (stamps, amps) in known.items():
+            factor = physics.factor_of(torque, streams.values_at(stamps, amps, joints.stamp_ns))
+            if factor is not None:
+                self.findings.append(findings.computed_torque(name, factor, whose))
 
     def _motion(self, name: str) -> tuple[Floats, ...]:
         joints = self._joints

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from power_recordings.card import Card
 from power_recordings.quality.causes import (
+    OF_METER,
     OF_POWER,
     OF_TORQUE,
     OF_VELOCITY,
     TOLERANCE,
+    UNITS,
     Cause,
     cause_of,
 )
@@ -56,6 +58,9 @@ _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _AS_WELL: Final = 1.05  # times the variance, that a slope of 1 leaves: no worse than another
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
+_BETWEEN: Final = 'a gear between the two? Then gear_ratio, and at: motor for what is at the motor'
+_ROUND: Final = (1.0, 2.0, 4.0, 5.0, 8.0, 10.0)  # first digits of periods of clocks,
+_EXACT: Final = 0.01  # which a slope of velocity tells to so much
 _RPM: Final = 2 * np.pi / 60
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
 _SCALES: Final = (np.sqrt(_RPM), np.sqrt(60 * _RPM))
@@ -72,8 +77,27 @@ def velocity_finding(drive: str, slope: float, card: Card) -> Finding:
     elif cause:
         text += f': {cause}'
     else:
-        text += ': a gear between the two? Then gear_ratio, and at: motor for what is at the motor'
+        tick, known = _tick(slope, card), drive in card.gear_ratio
+        ratio = card.gear_ratio.get(drive, 1.0)
+        near = abs(abs(np.log(slope)) - abs(np.log(ratio))) < np.log(1 + TOLERANCE)
+        causes = [f'the time counts {tick}?'] if tick else []
+        if not tick or near or not known:
+            causes.append(_BETWEEN)
+        first = -1 if near or slope > 1 else 1  # a motor turns faster, and ticks are slower
+        text += f': {" Or ".join(causes[::first])}'
+        mend = f'time: {{unit: {tick}}}' if tick and known and not near else ''
     return Finding('velocity_units', 'error', drive, text, mend)
+
+
+def _tick(slope: float, card: Card) -> str:
+    """Return the unit of time by which velocity is the rate of the position, '' if none is likely.
+
+    It is a round number of the unit that the map states.
+    """
+    stated, size = card.unit_of('', 'time'), 1 / slope
+    first = size / 10 ** np.floor(np.log10(size))
+    near = stated in UNITS['time'] and np.isclose(first, _ROUND, rtol=_EXACT).any()
+    return f'{size:.2g} {stated}' if near else ''
 
 
 def power_finding(
@@ -117,7 +141,7 @@ def power_finding(
     certain = decided and meaning
     if balance.impossible and not certain:
         shown = balance.share > _HINTED and bool(meaning)
-        cause = meaning if shown else 'units of torque and speed'
+        cause = str(meaning) if shown else _of_meter(drive, balance, card)
         text = f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were'
         return Finding(
             'power_units', 'error', drive, f'{text} metered: {cause}?', mend if shown else ''
@@ -154,6 +178,13 @@ def power_finding(
         return Finding('power_slope', 'warning', drive, text, mend)
     text += ', not by about 1: a gear between, or two units at once? Check those of torque, speed'
     return Finding('power_units', 'error', drive, f'{text}, voltage and current.')
+
+
+def _of_meter(drive: str, balance: ShaftBalance, card: Card) -> str:
+    """Return what may be wrong where power does not follow torque × speed: its size alone."""
+    ratio = balance.power / balance.shaft
+    cause = cause_of(ratio, OF_METER[card.metered(drive)], card, drive)
+    return (f'{cause}, or ' if cause else '') + 'units of torque and speed'
 
 
 def _gain_finding(drive: str, balance: ShaftBalance, usual: bool) -> Finding | None:
@@ -226,6 +257,17 @@ def computed_findings(card: Card) -> list[Finding]:
         text = f'power computed by the firmware{formula}: its losses are not in it'
         found.append(Finding('computed_power', 'warning', drive, text))
     return found
+
+
+def computed_torque(drive: str, factor: float, whose: str) -> Finding:
+    """Return the warning that a torque is `factor` N·m for each A of a current."""
+    text = (
+        f'torque is {factor:.4g} N·m for each A of the {whose} current throughout: computed from '
+        'it, and no measurement beside it, so that torque and copper loss share one sensor'
+    )
+    mend = 'torque: {at: motor}' if whose == "motor's" else ''
+    text += '' if mend else "; is this current the motor's, and no meter's?"
+    return Finding('computed_torque', 'warning', drive, text, mend)
 
 
 def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | None:

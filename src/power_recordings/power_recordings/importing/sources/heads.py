@@ -29,7 +29,7 @@ THOUSANDS = {  # as they stand in a column, by the mark of decimals
     ',': r"[+-]?\d{1,3}(['.]\d{3})+(,\d+)?",
 }
 _IN_GROUPS = re.compile('|'.join(THOUSANDS.values()))
-_UNITS = re.compile(r'(?i)\s*(units?|einheit(en)?)\s*[:=]\s*')
+_UNITS = re.compile(r'(?i)(units?|einheit(en)?)\s*[:=]\s*')
 _DATE = re.compile(r'\d{2,4}[-./:]\d\d')
 _NO_UNIT = ('-', '–', '%', '1')
 _LIKE_A_HEAD = 0.5  # names to a value
@@ -45,7 +45,8 @@ _TIME = ('t', 'time', 'zeit')  # what is in `t/s`, where others are rates
 _OVER_UNIT = re.compile(r'(?:[^:]*[_ .])?([^\W_]+)\s*/\s*([^/:\d][^/:]*)')
 _COUNTS = re.compile(r'(?i)(.*[^a-z])?(n|w|.*(speed|vel|omega|drehzahl))')  # what 1_min is of
 _FORCES = ('N', 'mN', 'cN', 'kN', 'kgf', 'ozf', 'lbf', 'oz', 'lb')
-_NOTE = re.compile(r'\s+\(.*\)$')  # behind a unit, as in `deg (0..360)`
+_NOTE = re.compile(r'\s\(')  # behind a unit, as in `deg (0..360)`
+_ENDING = 200  # characters of a name that a unit is looked for in
 _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 
 
@@ -115,7 +116,7 @@ def find_head(
     units = [''] * width
     while len(above) > 1 and ((own := _all_units(above[-1])) or not any(map(_is_name, above[-1]))):
         row = above.pop()
-        units = [_NOTE.sub('', field).strip().strip('[]()') for field in row] if own else units
+        units = [_without_note(field).strip('[]()') for field in row] if own else units
     unfit = 0
     if not above and first and len(rows[first - 1]) >= max(2, _LIKE_A_HEAD * width):
         unfit = len(rows[first - 1])
@@ -124,7 +125,7 @@ def find_head(
     names = fullest or [f'column{i}' for i in range(1, width + 1)]
     units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
     for note in (*notes, *spaced):
-        if [_IN_BRACKETS.sub('', field).strip() for field in note] == [n.strip() for n in names]:
+        if [_without_brackets(field) for field in note] == [n.strip() for n in names]:
             units = [unit or unit_of(field) for unit, field in zip(units, note, strict=True)]
     return Head(unique(names), tuple(units), first, unfit)
 
@@ -149,6 +150,7 @@ def _is_name(field: str) -> bool:
 
 def unit_of(name: str) -> str:
     """Return the unit at the end of a name, in brackets or after `_`, `.`, ` ` or `/`; else ''."""
+    name = name[-_ENDING:]
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
@@ -164,6 +166,15 @@ def unit_of(name: str) -> str:
     if ending in _WORDS or (not before and name.lower() not in _UNITS_THAT_ARE_NAMES):
         return ''
     return ending if len(ending) <= 6 and not ending.isdigit() and is_unit(ending) else ''
+
+
+def _without_note(field: str) -> str:
+    text = field.strip()
+    return _NOTE.split(text, maxsplit=1)[0].rstrip() if text.endswith(')') else text
+
+
+def _without_brackets(field: str) -> str:
+    return (field[:-_ENDING] + _IN_BRACKETS.sub('', field[-_ENDING:])).strip()
 
 
 def _of_two_words(before: Sequence[str], ending: str) -> str | None:
