@@ -27,6 +27,7 @@ LEAST_TO_FIT = 1.5
 """Seconds for a fit of a few coefficients, whose intervals then say how little is known."""
 LEAST_POINTS = 20
 """Operating points for a fit: four in each fold, as many as a model without much in it has."""
+_ENDS = 1.0  # s, more than filters take off both ends of a recording
 _LEAST_WINDOWS = 2 * FitSettings.folds  # each fold has two
 _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
@@ -231,8 +232,8 @@ def _require_excitation(prepared: Prepared, least: float) -> None:
         )
     if not prepared.steady and prepared.seconds < least:
         raise InputError(
-            f'{", ".join(prepared.recordings)}: {prepared.seconds:.0f} s without gaps decide '
-            f'nothing; record {least:g} s or more (a few minutes are better)'
+            f'{", ".join(prepared.recordings)}: {prepared.seconds:.1f} s without gaps decide '
+            f'nothing; record {least + _ENDS:g} s or more (a few minutes are better)'
         )
     speed = prepared.signals.velocity.std(axis=0)
     torque = prepared.signals.torque.std(axis=0)

@@ -4,6 +4,7 @@ import argparse
 from dataclasses import asdict
 
 from power_estimator.effects import load_catalogue
+from power_estimator.posterior.priors import LEAST_TO_JUDGE
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.errors import InputError
@@ -65,4 +66,8 @@ def run(options: argparse.Namespace) -> None:
         print(note)
     errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())
     print(f'wrote {options.output}; held-out error: {errors}')
-    print(common.next_command('diagnose', options, '--model', options.output))
+    prepared = lab.judge.prepared
+    if prepared.steady or prepared.seconds >= LEAST_TO_JUDGE:
+        print(common.next_command('diagnose', options, '--model', options.output))
+    else:
+        print(f'next: record {10 * LEAST_TO_JUDGE:.0f} s or more, and fit that')
