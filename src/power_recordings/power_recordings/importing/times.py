@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, time, timedelta, timezone
 from itertools import pairwise
 from typing import Any, Final
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats, Stamps
 from wattwalk_core.errors import InputError, quoted
 
-from power_recordings.importing.coarse_clock import CoarseClock
 from power_recordings.importing.units import conversion
 
 DAY: Final = 86_400 * 10**9  # ns
@@ -163,8 +162,7 @@ _NONE = np.zeros(0, np.intp)
 class LogClock:
     """Turns the times of one log into ascending stamps, block by block.
 
-    Rows with the time of the row before are merged with it; where it changes less than 25 times a
-    second, they are spread evenly up to the next. A time that goes back by more than
+    Rows with the time of the row before are merged with it. A time that goes back by more than
     half a second starts a new part, 1 s after the last; other rows older than one before, and rows
     without a time, are left out. where: begins errors. units: of the time columns, which are
     added. shift: ns, added to all times. parts to late: counts of parts and rows so far.
@@ -182,12 +180,10 @@ class LogClock:
     _before: int | None = None
     _span: int = 0  # ns, of all parts
     _of_day: int = -1  # ns, of the last time of day
-    _coarse: CoarseClock = field(default_factory=CoarseClock)
 
     def order(self, raw: Stamps) -> TimedRows:
         """Return a block's rows to keep, with their stamps; raw: ns [N], negative: missing."""
         self.rows += len(raw)
-        raw = self._coarse.spread(raw)
         rows = np.flatnonzero(raw >= 0)
         self.missing += len(raw) - len(rows)
         raw = raw[rows]
@@ -245,11 +241,7 @@ class LogClock:
     def notes(self) -> list[str]:
         """Return sentences on the rows that were left out or merged."""
         back = max(self.parts - 1, 0)
-        step = (self._coarse.step or 0) / 1e9
         counts = {
-            f'{self._coarse.rows} rows of a clock in steps of {step:g} s spread evenly': (
-                self._coarse.rows
-            ),
             f'{self.missing} rows without a time left out': self.missing,
             f'{self.repeated} rows with the time of the row before merged with it (mean)': (
                 self.repeated
