@@ -166,12 +166,14 @@ def test_thousands_of_rows_that_follow_on_another_are_not_taken_for_operating_po
     assert yaml.safe_load(capsys.readouterr().out)['time'].items() >= time.items()
 
 
-@pytest.mark.parametrize('name', ['cycle', 'sample', 'row'])
-def test_a_count_of_rows_is_the_time_once_its_period_is_filled_in(tmp_path, capsys, name):
+@pytest.mark.parametrize(
+    ('name', 'motion'), [('cycle', 'vel_rad_s'), ('sample', 'vel_rad_s'), ('n', 'q_rad')]
+)
+def test_a_count_of_rows_is_the_time_once_its_period_is_filled_in(tmp_path, capsys, name, motion):
     count = np.delete(np.arange(100, 3120), np.arange(600, 620))  # of which 20 were lost
     t = count * 2e-3
     table = np.stack([count, np.sin(t), np.cos(1.7 * t), 48 + 0 * t, 1 + np.sin(t) ** 2], axis=1)
-    log = csv(tmp_path / 'log.csv', table, f'{name},vel_rad_s,torque_Nm,bus_V,bus_A')
+    log = csv(tmp_path / 'log.csv', table, f'{name},{motion},torque_Nm,bus_V,bus_A')
     assert main([str(log), '--list']) == 0
     text = capsys.readouterr().out
     assert f"time: {{column: {name}, unit: 'PERIOD ms'}}" in text

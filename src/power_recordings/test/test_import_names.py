@@ -331,6 +331,12 @@ def test_a_speed_along_the_ground_asks_for_the_radius_of_the_wheel(tmp_path, cap
     own['vel_m_s'] = own.pop('speed[km/h]')
     text, _ = guess(tmp_path, capsys, **own, **{'cmd_vel[m/s]': SPEED})
     assert '# velocity: {from: vel_m_s, scale: 1, unit: rad/s}   # along the' in text
+    own['X Torque [kgf cm]'] = own.pop('tau_Nm')
+    own['speed_km_h'] = own.pop('vel_m_s')
+    text, lines = guess(tmp_path, capsys, **own)
+    assert '# velocity: {from: speed_km_h, scale: 0.2778, unit: rad/s}   # along the' in text
+    assert "from: 'X Torque [kgf cm]'" in lines['torque']
+    assert "# position: {from: 'X" not in text
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,4 @@
 import json
-import re
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.quality.causes import OF_POWER, cause_of
 from power_recordings.quality.check import check_recording
 from power_recordings.quality.findings import power_finding
-from power_recordings.quality.physics import power_balance
+from power_recordings.quality.physics import factor_of, power_balance
 from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording
 from table_log import MAP, csv, run, table
@@ -59,32 +58,6 @@ def test_a_finding_never_advises_what_the_map_has(tmp_path, right, wrong, mend):
     assert run(log, mapping, tmp_path / 'bag') == 0
     (found,) = [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
     assert found.mend == mend
-
-
-@pytest.mark.parametrize(
-    ('tick', 'gear', 'says', 'mend'),
-    [
-        ('2 ms', 'gear_ratio: 100', r'the time counts 2 ms\?$', 'time: {unit: 2 ms}'),
-        ('2 ms', '', r'the time counts 2 ms\? Or a gear between', ''),
-        ('3 ms', 'gear_ratio: 100', 'a gear between the two', ''),
-        ('0.5 ms', '', r'a gear between the two.* Or the time counts 0\.5 ms\?', ''),
-        ('2 ms', 'gear_ratio: 2', 'a gear between the two', ''),
-    ],
-)
-def test_ticks_in_another_unit_than_stated_are_told_by_the_rate_of_the_position(
-    tmp_path, tick, gear, says, mend
-):
-    """A gear makes the same factor, unless another one is known."""
-    rows = table(2000)
-    rows[:, 0] /= float(tick.split()[0])
-    mapping = MAP.replace('  KNEE:', f'  KNEE:\n    {gear}' if gear else '  KNEE:')
-    assert run(csv(tmp_path / 'log.csv', rows), mapping, tmp_path / 'bag') == 0
-    (found,) = [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
-    assert re.search(says, found.text)
-    assert found.mend == mend
-    right = mapping.replace('unit: ms', f'unit: {tick}')
-    run(tmp_path / 'log.csv', right, tmp_path / 'bag', '--overwrite')
-    assert not [f for f in checked(tmp_path / 'bag') if f.code == 'velocity_units']
 
 
 def _sizes(units):
@@ -168,6 +141,16 @@ def test_a_torque_that_is_a_current_times_a_constant_is_no_measurement(tmp_path,
         found = [f for f in checked(tmp_path / 'bag') if f.code == 'computed_torque']
         assert [f.mend for f in found] == ([mend] if computed and mend is not None else [])
         assert all('0.3 N·m for each A' in f.text for f in found)
+
+
+def test_one_wrong_sample_or_two_levels_make_no_torque_of_a_current():
+    random = np.random.default_rng(1)
+    current = random.normal(size=2000)
+    torque = 0.3 * current + 0.02 * random.normal(size=2000)
+    current[7], torque[7] = 6000.0, 2000.0
+    assert factor_of(torque, current) is None
+    levels = np.repeat([1.0, 3.0], 1000)
+    assert factor_of(0.3 * levels, levels) is None
 
 
 def checked(bag):

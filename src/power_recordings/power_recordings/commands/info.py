@@ -19,13 +19,11 @@ _UNITS = {'power': 'W', 'voltage': 'V', 'current': 'A'}  # of a supply
 
 def run(options: argparse.Namespace) -> None:
     """Check recordings (or take their results from the index) and print their quality."""
-    found = {}
     with RecordingIndex(usual_path()) as index:
-        for path in options.bags:
-            one = checked(path, index)
-            print_quality(one)
-            found[str(path)] = one.quality.content()
-    write_json(options.json, finite(found))
+        found = [checked(path, index) for path in options.bags]
+    write_json(options.json, finite({str(one.path): one.quality.content() for one in found}))
+    for one in found:
+        print_quality(one)
 
 
 def print_quality(checked: Checked) -> None:

@@ -18,6 +18,7 @@ from power_recordings.importing.words import WANTED, words
 
 MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
 _MOTION: Final = MECHANICAL[:3]  # a current alone may be one of three phases
+_MOSTLY_BY_ONE: Final = 0.9  # of the steps of a count of rows
 _ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
 _DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
 _WATTS = r'(power|watt|pwr)'
@@ -207,6 +208,11 @@ def is_mere_angle(candidate: CandidateColumn) -> bool:
     return candidate.quantity == 'position' and candidate.rank >= _BY_UNIT
 
 
+def by_ones(steps: Floats) -> bool:
+    """Return whether nearly all steps [N - 1] are 1, as of a count of rows, some of them lost."""
+    return bool(np.mean(steps == 1.0) > _MOSTLY_BY_ONE) if len(steps) else False
+
+
 def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
     column = item.column
     still = item.low == item.high or (item.rows > 1 and not item.changes > 0)
@@ -241,8 +247,8 @@ def _candidate(item: Listed, names: Set[str]) -> CandidateColumn | None:
         return None
     if quantity in ('velocity', 'position') and is_along(column.address):
         return None
-    if quantity == 'velocity' and not unit and (np.diff(item.values) == 1.0).all():
-        return None  # numbers of the rows
+    if quantity == 'velocity' and not unit and by_ones(np.diff(item.values)):
+        return None  # it counts the rows
     u = quantity == 'voltage' and not unit and name.startswith('u')
     if u and -item.low > _NEGATIVE * item.high:
         return None  # of a control law, as no supply turns round

@@ -5,16 +5,18 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from power_recordings.importing.listing import Listed
+from power_recordings.importing.sources.heads import unit_of
+from power_recordings.importing.units import quantities_of
 from power_recordings.importing.words import WANTED, words, yaml_text
 
 _SPEED: Final = re.compile(
-    r'(?<![a-z])(?:(?P<road>km/?h|kph|mph)|(?P<length>mm|cm|m)[/_](?P<time>s|min))[\])]?$'
+    r'(?<![a-z])(?:(?P<road>km[/_]?h|kph|mph|mps)|(?P<length>mm|cm|m)[/_](?P<time>s|min))[\])]?$'
 )
 """Units of a speed that is none of a shaft, in lower case, as the others."""
 _LENGTH: Final = re.compile(r'(?<![a-z])(?P<length>[mck]m|(?<=[\[(])m(?=[\])]))[\])]?$')
 _METRES: Final = re.compile(r'_(?P<length>m)$')  # or of a motor
 _SIZES: Final = {'mm': 1e-3, 'cm': 1e-2, 'm': 1.0, 'km': 1e3, 's': 1.0, 'min': 60.0}
-_ROADS: Final = {'mph': 0.44704}
+_ROADS: Final = {'mph': 0.44704, 'mps': 1.0}
 _RUNS: Final = r'speed|vel|tempo|geschw'
 _WAYS: Final = (
     r'(^|_)(dist\w*|way|weg|strecke|travel\w*|odo\w*|path|height|stroke|lift|pos\w*|[xyz])(_|$)'
@@ -27,7 +29,8 @@ _LINE: Final = (
 
 def is_along(address: str) -> bool:
     """Return whether a column's unit is of a way or a speed that is none of a shaft."""
-    return bool(_SPEED.search(address.lower()) or _LENGTH.search(address.lower()))
+    found = _SPEED.search(address.lower()) or _LENGTH.search(address.lower())
+    return bool(found) and not _is_torque(address)
 
 
 def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
@@ -36,6 +39,7 @@ def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
     One tells the other by a common name, as in `car_mm` and `car_mm_s`.
     """
     moving = [item.column.address for item in listed if item.changes > 0]
+    moving = [name for name in moving if not _is_torque(name)]
     moving = [name for name in moving if not re.search(WANTED, words(name))]
     speeds = {name: m for name in moving if (m := _SPEED.search(name.lower()))}
     ways = {
@@ -56,6 +60,10 @@ def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
             ):
                 lines[quantity] = _LINE.format(quantity, yaml_text(name), _size(found), unit)
     return lines
+
+
+def _is_torque(address: str) -> bool:
+    return 'torque' in quantities_of(unit_of(address))  # as kgf cm is
 
 
 def _stem(name: str, found: re.Match[str]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
-from power_recordings.importing.candidates import MECHANICAL, CandidateColumn
+from power_recordings.importing.candidates import MECHANICAL, CandidateColumn, by_ones
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.times import is_date, is_time_of_day
 from power_recordings.importing.words import words, yaml_text
@@ -19,7 +19,6 @@ _FEWEST, _EVEN = 30, 3.0  # rows of a column that is a time by its steps, and th
 _SERIES: Final = 2000  # rows, more than points are measured by hand or in a grid
 _MOSTLY, _STEP = 0.99, 0.5  # share of rows, and of the spread, that a motion goes on by at most
 _OTHERS: Final = 2  # columns that are named beside the one that was taken
-_MOSTLY_BY_ONE: Final = 0.9
 _PERIOD: Final = "{{column: {}, unit: 'PERIOD ms'}}"
 _MILLI: Final = r'milli_?seconds?|milli_?secs?|msecs?|ms'
 
@@ -117,7 +116,7 @@ def _is_milli(item: Listed) -> bool:
 def _ticks(first: Listed) -> bool:
     """Tell whether the first column of a table goes on in even steps, and not by ones."""
     steps = np.diff(first.values)
-    if len(steps) < _FEWEST or not (steps > 0).all() or _by_ones(steps):
+    if len(steps) < _FEWEST or not (steps > 0).all() or by_ones(steps):
         return False
     return float(np.quantile(steps, 0.9)) < _EVEN * float(np.quantile(steps, 0.1))
 
@@ -138,12 +137,8 @@ def _counts_cycles(item: Listed) -> bool:
         len(steps) >= _FEWEST
         and not item.column.unit
         and bool((steps > 0).all())
-        and _by_ones(steps)
+        and by_ones(steps)
     )
-
-
-def _by_ones(steps: Floats) -> bool:
-    return bool(np.mean(steps == 1.0) > _MOSTLY_BY_ONE)
 
 
 def _counts(candidate: CandidateColumn) -> bool:

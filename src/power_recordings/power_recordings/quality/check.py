@@ -29,6 +29,7 @@ _STILL = 0.2  # rad from where a drive stands
 _PLAIN_CORRELATION = 0.97
 _GENERATES = 0.5  # of the power that flows out, by the joints: then nothing is wrong with its sign
 _VARIES = 0.2  # of the mean speed: at one speed the supply's current goes with the torque
+_TURNS = 0.05  # rad/s, above the noise of a speed at rest
 _LEAST_DRAWN = 0.1  # of the power, by the torque
 
 
@@ -170,7 +171,7 @@ class _Checker:
             if name in motor.names:
                 known["motor's"] = motor.stamp_ns, motor.current[:, motor.names.index(name)]
         speed = np.abs(velocity[np.isfinite(velocity)])
-        varies = len(speed) and speed.std() > _VARIES * speed.mean()
+        varies = len(speed) and speed.std() > max(_VARIES * speed.mean(), _TURNS)
         apart = card.column(name, 'current') != card.column(name, 'torque')
         if electric is not None and name in electric.names and varies and apart:
             amps = electric.current[:, electric.names.index(name)]

@@ -14,7 +14,6 @@ from power_recordings.quality.causes import (
     OF_TORQUE,
     OF_VELOCITY,
     TOLERANCE,
-    UNITS,
     Cause,
     cause_of,
 )
@@ -58,9 +57,6 @@ _LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _AS_WELL: Final = 1.05  # times the variance, that a slope of 1 leaves: no worse than another
 _GEARED: Final = 4.0  # gear ratio, from which a slope tells it from losses
 _SHARP: Final = 0.25  # of a slope, that its margin may be to be one of a gear
-_BETWEEN: Final = 'a gear between the two? Then gear_ratio, and at: motor for what is at the motor'
-_ROUND: Final = (1.0, 2.0, 4.0, 5.0, 8.0, 10.0)  # first digits of periods of clocks,
-_EXACT: Final = 0.01  # which a slope of velocity tells to so much
 _RPM: Final = 2 * np.pi / 60
 # Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
 _SCALES: Final = (np.sqrt(_RPM), np.sqrt(60 * _RPM))
@@ -77,27 +73,8 @@ def velocity_finding(drive: str, slope: float, card: Card) -> Finding:
     elif cause:
         text += f': {cause}'
     else:
-        tick, known = _tick(slope, card), drive in card.gear_ratio
-        ratio = card.gear_ratio.get(drive, 1.0)
-        near = abs(abs(np.log(slope)) - abs(np.log(ratio))) < np.log(1 + TOLERANCE)
-        causes = [f'the time counts {tick}?'] if tick else []
-        if not tick or near or not known:
-            causes.append(_BETWEEN)
-        first = -1 if near or slope > 1 else 1  # a motor turns faster, and ticks are slower
-        text += f': {" Or ".join(causes[::first])}'
-        mend = f'time: {{unit: {tick}}}' if tick and known and not near else ''
+        text += ': a gear between the two? Then gear_ratio, and at: motor for what is at the motor'
     return Finding('velocity_units', 'error', drive, text, mend)
-
-
-def _tick(slope: float, card: Card) -> str:
-    """Return the unit of time by which velocity is the rate of the position, '' if none is likely.
-
-    It is a round number of the unit that the map states.
-    """
-    stated, size = card.unit_of('', 'time'), 1 / slope
-    first = size / 10 ** np.floor(np.log10(size))
-    near = stated in UNITS['time'] and np.isclose(first, _ROUND, rtol=_EXACT).any()
-    return f'{size:.2g} {stated}' if near else ''
 
 
 def power_finding(

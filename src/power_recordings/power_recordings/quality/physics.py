@@ -21,6 +21,7 @@ _LOSSY = 1.6  # W per W of torque × speed, from which losses grow with it
 _WORN_ROWS = 20_000
 _OFFSET = -0.1  # of the power (rms), of a meter: at constant speed a wrong gear asks for more
 _AT_REST = 0.01  # of the largest speed, below which friction's sign fades out
+_SOUND = 0.99  # of samples, by size: the rest may be wrong
 _COMPUTED = 0.9999  # R² of a torque on the current that it was computed from: digits are rounded
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
@@ -244,11 +245,15 @@ def _fitted(terms: Floats, power: Floats) -> tuple[Floats, Floats, Floats]:
 def factor_of(torque: Floats, current: Floats) -> float | None:
     """Return N·m for each A where a torque [N] is a current [N] times it, None where it is not.
 
-    None for too few samples or signals that do not vary.
+    None for too few samples, or for signals of a few levels, which any two have in common.
     """
     good = np.isfinite(torque) & np.isfinite(current)
     x, y = current[good], torque[good]
-    if len(x) < 10 * _ENOUGH or not np.std(x) > 0 or not np.std(y) > 0:
+    if len(x) < 10 * _ENOUGH or len(np.unique(x)) < _ENOUGH or len(np.unique(y)) < _ENOUGH:
+        return None
+    inside = np.abs(y) <= np.quantile(np.abs(y), _SOUND)  # one wrong sample decides nothing
+    x, y = x[inside], y[inside]
+    if not np.std(x) > 0 or not np.std(y) > 0:
         return None
     factor, _ = np.polyfit(x, y, 1)
     return float(factor) if np.corrcoef(x, y)[0, 1] ** 2 > _COMPUTED else None
