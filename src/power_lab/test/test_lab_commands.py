@@ -197,6 +197,7 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
         ('regeneration', 'did you mean regeneration_efficiency (of the power that'),
         ('regeneration', 'at the bus) or regeneration_limit (the supply takes nothing back'),
         ('series_spring', 'did you mean spring (the'),
+        ('iron_los', 'did you mean iron_loss ('),
         ('shaft coper_loss', "unknown effect 'coper_loss'; did you mean copper_loss (the current"),
         ('all', "unknown effect 'all'; known are shaft, copper_loss"),
         ('shaft,shaft', 'one is named twice in shaft,shaft'),
@@ -250,8 +251,7 @@ def test_a_user_effect_that_raises_or_returns_nan_ends_in_one_line(bag, tmp_path
 
 def test_a_recording_too_short_or_too_still_says_what_is_missing(tmp_path, capsys):
     short = run_offline(tmp_path / 'short', duration=6.0, seed=1, drives=('LF_KFE',))
-    arguments = [short, '--effects', 'shaft,idle', '-o', tmp_path / 'm.yaml']
-    assert fit_command([str(argument) for argument in arguments]) == 0
+    assert fit_command([str(short), '--effects', 'shaft,idle', '-o', f'{tmp_path}/m.yaml']) == 0
     little, after = capsys.readouterr().out.splitlines()[-3::2]
     assert little.startswith('5.5 s are little: believe the intervals')
     assert after == 'next: record 80 s or more, and fit that'

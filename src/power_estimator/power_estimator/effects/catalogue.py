@@ -82,10 +82,11 @@ class Catalogue(Mapping[str, Effect]):
     def get_known(self, name: str, where: str) -> Effect:
         """Return an effect by name; InputError, which begins with `where`, for an unknown one."""
         if name not in self._effects:
-            near = self._near(name)
-            told = f'did you mean {near}? fit --effects all lists all' if near else 'known are '
+            known = f'known are {", ".join(self)}'
+            if near := self._near(name):
+                known = f'did you mean {near}? fit --effects all lists all'
             raise InputError(
-                f'{where}: unknown effect {name!r}; {told}{"" if near else ", ".join(self)} '
+                f'{where}: unknown effect {name!r}; {known} '
                 '(your own go by --effects-path FILE.py)'
             )
         return self._effects[name]

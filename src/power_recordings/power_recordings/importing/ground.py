@@ -29,8 +29,7 @@ _LINE: Final = (
 
 def is_along(address: str) -> bool:
     """Return whether a column's unit is of a way or a speed that is none of a shaft."""
-    found = _SPEED.search(address.lower()) or _LENGTH.search(address.lower())
-    return bool(found) and not _is_torque(address)
+    return bool(_unit(_SPEED, address) or _unit(_LENGTH, address))
 
 
 def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
@@ -39,14 +38,9 @@ def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
     One tells the other by a common name, as in `car_mm` and `car_mm_s`.
     """
     moving = [item.column.address for item in listed if item.changes > 0]
-    moving = [name for name in moving if not _is_torque(name)]
     moving = [name for name in moving if not re.search(WANTED, words(name))]
-    speeds = {name: m for name in moving if (m := _SPEED.search(name.lower()))}
-    ways = {
-        name: m
-        for name in moving
-        if (m := _LENGTH.search(name.lower()) or _METRES.search(name.lower()))
-    }
+    speeds = {name: m for name in moving if (m := _unit(_SPEED, name))}
+    ways = {name: m for name in moving if (m := _unit(_LENGTH, name) or _unit(_METRES, name))}
     kinds = (
         ('velocity', 'rad/s', _RUNS, speeds, ways),
         ('position', 'rad', _WAYS, ways, speeds),
@@ -62,8 +56,10 @@ def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
     return lines
 
 
-def _is_torque(address: str) -> bool:
-    return 'torque' in quantities_of(unit_of(address))  # as kgf cm is
+def _unit(pattern: re.Pattern[str], address: str) -> re.Match[str] | None:
+    """Return the unit that ends a name; None for a part of a torque's, as in kgf cm."""
+    found = pattern.search(address.lower())
+    return found if found and 'torque' not in quantities_of(unit_of(address)) else None
 
 
 def _stem(name: str, found: re.Match[str]) -> str:
