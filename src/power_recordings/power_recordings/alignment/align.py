@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.alignment.filters import antialias, centred, smoothing
-from power_recordings.alignment.signals import RecordedSignals, SignalCollector
+from power_recordings.alignment.signals import RecordedSignals
 from power_recordings.alignment.stream import Stream, held
 from power_recordings.reading.reader import Recording
 
@@ -82,7 +82,7 @@ def align(
     """
     if rate not in RATES:
         raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
-    source = SignalCollector(recording.whole(), drives).source(need_power)
+    source = RecordedSignals(recording.whole(), drives, need_power)
     if recording.card.steady:
         return operating_points(source, rate)
     segments = _Segments(source, rate, smooth)
@@ -158,22 +158,21 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
     """Concatenate datasets of the same drives, drive order and rate, which are not checked."""
     if len(parts) == 1:
         return parts[0]
-    segments: list[NDArray[np.int32]] = []
-    owners: list[NDArray[np.int32]] = []
-    next_segment = next_recording = 0
-    for part in parts:
-        segments.append(part.segment + np.int32(next_segment))
-        owners.append(part.recording + np.int32(next_recording))
-        next_segment += int(part.segment.max(initial=-1)) + 1
-        next_recording += len(part.recordings)
+    sizes = [len(part.time) for part in parts]
+
+    def before(counts: Sequence[int]) -> NDArray[np.int32]:
+        """Return the sum of the counts of the parts before its own for each row, [T]."""
+        return np.repeat(np.cumsum([0, *counts[:-1]]), sizes).astype(np.int32)
+
     arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in ('time', *_PARTS)
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ('time', 'segment', 'recording', *_PARTS)
     }
+    arrays['segment'] += before([part.segment.max(initial=-1) + 1 for part in parts])
+    arrays['recording'] += before([len(part.recordings) for part in parts])
     others = dict.fromkeys(name for part in parts for name in part.extras)
     return replace(
         parts[0],
-        segment=np.concatenate(segments),
-        recording=np.concatenate(owners),
         recordings=tuple(name for part in parts for name in part.recordings),
         extras={
             name: _joined(parts, [part.extras.get(name) for part in parts]) for name in others
@@ -241,14 +240,12 @@ class _Segments:
             result['cmd_vel'] = held(*self._source.cmd_vel, grid)[inner]
         for name, values in self._source.sample(grid).items():
             is_held = name == 'command' and not self._smooth
-            result[name] = values[inner] if is_held else self._filtered(values)
+            filtered = values[inner] if is_held else centred(values, self._taps)[:: self._every]
+            result[name] = filtered
         if 'orientation' in result:
             norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
             result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
         return result
-
-    def _filtered(self, values: Singles) -> Singles:
-        return centred(values, self._taps)[:: self._every]
 
     def notes(self, pieces: Sequence[_Piece]) -> list[str]:
         """Return notes on what was left out."""

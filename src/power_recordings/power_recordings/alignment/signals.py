@@ -1,9 +1,7 @@
 """Signals of one recording, checked and cut at their gaps."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,26 +23,43 @@ _MOST_AMPERES = 1000.0
 _MOST_VOLTS = 1000.0
 
 
-@dataclass(frozen=True)
 class RecordedSignals:
-    """The signals of D drives, of which M were measured.
+    """The checked signals of D drives of a recording, of which M were measured.
 
     Streams hold their signals side by side: joints position | velocity | torque [N, 3 D],
     electrics power | voltage | current | temperature [N, 4 M]. Times are s after `start_ns`.
-    commands and cmd_vel are times [N] and values [N, K]; `others` are streams by topic.
+    commands and cmd_vel are times [N] and values [N, K]; `others` are streams by topic, and
+    `facts` sets of drives, of the card. Arguments and errors are as in `align`.
     """
 
-    path: Path
-    names: tuple[str, ...]
-    measured: tuple[str, ...]
-    start_ns: int
-    joints: Stream
-    electrics: Stream | None
-    commands: tuple[Floats, Singles] | None
-    cmd_vel: tuple[Floats, Singles] | None
-    others: Mapping[str, Stream] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    facts: Mapping[str, Any] = field(default_factory=dict)  # sets of drives, of the card
+    def __init__(
+        self, recording: Recording, drives: Sequence[str] | None, need_power: bool
+    ) -> None:
+        self._recording, self._card = recording, recording.card
+        self.path = recording.path
+        self.notes = list(recording.problems)
+        self._joints = recording.joint_states()
+        self._check_count('joint_states', self._joints)
+        self.names = self._chosen(drives)
+        self.start_ns = int(self._joints.stamp_ns[0])
+        self.measured: tuple[str, ...] = ()
+        self.electrics: Stream | None = None
+        if need_power or recording.has('drive_supply'):
+            self.electrics, self.measured = self._electrics(recording.drive_supply())
+        self.joints = self._joint_stream()
+        self._must_overlap()
+        self.commands = self._commands()
+        self.cmd_vel = self._cmd_vel()
+        self.others = self._others()
+        self.facts: dict[str, Any] = {
+            fact: frozenset(name for name in self.names if of.get(name) == value)
+            for fact, of, value in (
+                ('motor_torque', self._card.torque, 'motor'),
+                ('current_as_torque', self._card.torque_unit, 'A'),
+                ('computed_power', self._card.power, 'computed'),
+            )
+        }
+        del self._recording, self._joints  # their samples need as much memory as the streams
 
     def sample(
         self, grid: Floats, values: Callable[[Stream, Floats], Singles] = Stream.sample
@@ -71,54 +86,11 @@ class RecordedSignals:
             others[name] = np.where(np.isnan(own), others[name], own)
         return {**result, **others}
 
-
-class SignalCollector:
-    """Collects and checks the signals of a recording; arguments and errors as in `align`."""
-
-    def __init__(self, recording: Recording, drives: Sequence[str] | None) -> None:
-        self._recording = recording
-        self._path = recording.path
-        self._notes = list(recording.problems)
-        self._joints = recording.joint_states()
-        self._check_count('joint_states', self._joints)
-        self._names = self._chosen(drives)
-        self._start = int(self._joints.stamp_ns[0])
-
-    def source(self, need_power: bool) -> RecordedSignals:
-        """Return the signals; InputError without drive_supply, unless `need_power` is False."""
-        measured: tuple[str, ...] = ()
-        electrics = None
-        if need_power or self._recording.has('drive_supply'):
-            electrics, measured = self._electrics(self._recording.drive_supply())
-        joints = self._joint_stream()
-        self._must_overlap(joints, electrics)
-        card = self._recording.card
-        return RecordedSignals(
-            self._path,
-            self._names,
-            measured,
-            self._start,
-            joints,
-            electrics,
-            self._commands(),
-            self._cmd_vel(),
-            self._others(),
-            tuple(self._notes),
-            {
-                fact: frozenset(name for name in self._names if of.get(name) == value)
-                for fact, of, value in (
-                    ('motor_torque', card.torque, 'motor'),
-                    ('current_as_torque', card.torque_unit, 'A'),
-                    ('computed_power', card.power, 'computed'),
-                )
-            },
-        )
-
     def _check_count(self, topic: str, samples: Samples) -> None:
         if len(samples) < 4:
             because = ''.join(f'; {p}' for p in self._recording.problems if topic in p)
             raise InputError(
-                f'{self._path}: {topic} has only {len(samples)} samples of use{because}'
+                f'{self.path}: {topic} has only {len(samples)} samples of use{because}'
             )
 
     def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
@@ -126,7 +98,7 @@ class SignalCollector:
         chosen = tuple(drives) if drives is not None else there
         if missing := [name for name in chosen if name not in there]:
             raise InputError(
-                f'{self._path}: no joint {missing[0]!r} in joint_states; it has {", ".join(there)}'
+                f'{self.path}: no joint {missing[0]!r} in joint_states; it has {", ".join(there)}'
             )
         if not chosen or len(set(chosen)) != len(chosen):
             raise InputError(f'drives are {", ".join(chosen)!r}; name each drive once')
@@ -134,32 +106,32 @@ class SignalCollector:
             supply = self._recording.drive_supply().names
             if unknown := [name for name in supply if name not in there]:
                 raise InputError(
-                    f'{self._path}: drive_supply measures {", ".join(unknown)}, which '
+                    f'{self.path}: drive_supply measures {", ".join(unknown)}, which '
                     f'joint_states does not have ({", ".join(there)}): name the drives to take'
                 )
         return chosen
 
     def _seconds(self, samples: Samples) -> Floats:
-        return (samples.stamp_ns - self._start) / 1e9
+        return (samples.stamp_ns - self.start_ns) / 1e9
 
     def _joint_stream(self) -> Stream:
-        joints, path = self._joints, self._path
-        columns = [joints.names.index(name) for name in self._names]
+        joints, path = self._joints, self.path
+        columns = [joints.names.index(name) for name in self.names]
         bad = np.zeros(len(joints), np.bool_)
         parts = []
         for name, quantity in _QUANTITIES.items():
             values = getattr(joints, name)[:, columns]
             nan = ~np.isfinite(values)
             unknown = nan.all(axis=0) if name == 'position' else np.zeros(len(columns), np.bool_)
-            for drive, share in zip(self._names, nan.mean(axis=0) * ~unknown, strict=True):
-                if share == 1.0 and self._recording.card.lacks(drive, quantity):
+            for drive, share in zip(self.names, nan.mean(axis=0) * ~unknown, strict=True):
+                if share == 1.0 and self._card.lacks(drive, quantity):
                     raise InputError(
                         f'{path}: the map that it was imported by gives no {quantity} of {drive}'
                     )
                 if share > _MOSTLY:
                     raise InputError(
                         f'{path}: joint_states.{name} of {drive}'
-                        f'{self._column(drive, quantity)} is NaN or missing in '
+                        f'{self._card.column(drive, quantity)} is NaN or missing in '
                         f'{share:.0%} of the messages; expected numbers'
                     )
             bad |= (nan & ~unknown).any(axis=1)
@@ -175,8 +147,8 @@ class SignalCollector:
             if stands_still(position) or is_rate(seconds, position, parts[1][:, worst]):
                 continue
             raise InputError(
-                f'{path}: joint_states.position of {self._names[worst]}'
-                f'{self._column(self._names[worst], "position")} reaches '
+                f'{path}: joint_states.position of {self.names[worst]}'
+                f'{self._card.column(self.names[worst], "position")} reaches '
                 f'{np.nanmax(np.abs(parts[0][:, worst])):.4g}, mostly beyond 4π: '
                 'degrees? expected rad (a drive that turns on is taken where its velocity is the '
                 'rate of its position)'
@@ -189,7 +161,7 @@ class SignalCollector:
 
     def _electrics(self, supply: DriveSamples) -> tuple[Stream | None, tuple[str, ...]]:
         self._check_count('drive_supply', supply)
-        wanted = [name for name in self._names if name in supply.names]
+        wanted = [name for name in self.names if name in supply.names]
         columns = [supply.names.index(name) for name in wanted]
         voltage, current = supply.voltage[:, columns], supply.current[:, columns]
         self._check_range('voltage', voltage, wanted, _MOST_VOLTS, 'mV? expected V')
@@ -198,14 +170,14 @@ class SignalCollector:
         share = bad.mean(axis=0)
         keep = [i for i in range(len(wanted)) if share[i] <= _MOSTLY]
         for i in set(range(len(wanted))) - set(keep):
-            self._notes.append(
+            self.notes.append(
                 f'drive_supply: {share[i]:.0%} of the samples of {wanted[i]} are bad; '
                 'it counts as not measured'
             )
         if not keep:
             if wanted:
                 raise InputError(
-                    f'{self._path}: drive_supply has a bad status or NaN in most samples of all '
+                    f'{self.path}: drive_supply has a bad status or NaN in most samples of all '
                     f'drives ({", ".join(wanted)})'
                 )
             return None, ()
@@ -214,7 +186,7 @@ class SignalCollector:
         self._note(nan[:, keep].any(axis=1), 'drive_supply: {} samples with NaN cut out')
         lost = supply.after_gap
         if lost.any():
-            self._notes.append(
+            self.notes.append(
                 f'drive_supply: {supply.lost} samples missing in {lost.sum()} places'
             )
         apart = lost | np.isin(supply.stamp_ns, self._recording.breaks('drive_supply'))
@@ -233,39 +205,38 @@ class SignalCollector:
     ) -> None:
         for drive, column in zip(drives, values.T, strict=True):
             if (np.abs(column) > most).mean() > _OFTEN:
+                largest = np.nanmax(np.abs(column))
                 raise InputError(
-                    f'{self._path}: drive_supply.{name} of {drive}'
-                    f'{self._column(drive, name)} reaches {np.nanmax(np.abs(column)):.4g}: {hint}'
+                    f'{self.path}: drive_supply.{name} of {drive}'
+                    f'{self._card.column(drive, name)} reaches {largest:.4g}: {hint}'
                 )
-
-    def _column(self, drive: str, quantity: str) -> str:
-        return self._recording.card.column(drive, quantity)
 
     def _note(self, which: Bools, text: str) -> None:
         if which.any():
-            self._notes.append(text.format(int(which.sum())))
+            self.notes.append(text.format(int(which.sum())))
 
     def _note_gaps(self, topic: str, stream: Stream) -> None:
         steps = np.diff(stream.time)
         gaps = steps[steps > longest_step(steps)]
         if len(gaps):
-            self._notes.append(
+            self.notes.append(
                 f'{topic}: {len(gaps)} gaps, {gaps.sum():.3f} s in all, the longest '
                 f'{gaps.max():.3f} s'
             )
 
-    def _must_overlap(self, joints: Stream, electrics: Stream | None) -> None:
+    def _must_overlap(self) -> None:
+        joints, electrics = self.joints, self.electrics
         for topic, stream in (('joint_states', joints), ('drive_supply', electrics)):
             if stream is not None and not len(stream.time):
                 raise InputError(
-                    f'{self._path}: {topic} has no sample that is good of all drives '
-                    f'({", ".join(self._names)}); take one of them with --drives'
+                    f'{self.path}: {topic} has no sample that is good of all drives '
+                    f'({", ".join(self.names)}); take one of them with --drives'
                 )
         if electrics is None:
             return
         if electrics.time[0] >= joints.time[-1] or joints.time[0] >= electrics.time[-1]:
             raise InputError(
-                f'{self._path}: the stamps of joint_states and drive_supply do not overlap '
+                f'{self.path}: the stamps of joint_states and drive_supply do not overlap '
                 f'(drive_supply starts {electrics.time[0]:.3f} s after joint_states): '
                 'do both carry measurement times of one clock?'
             )
@@ -306,7 +277,7 @@ class SignalCollector:
                 continue
             samples = getattr(r, topic)()
             if len(samples) < 4:
-                self._notes.append(f'{topic}: only {len(samples)} samples of use, left out')
+                self.notes.append(f'{topic}: only {len(samples)} samples of use, left out')
                 continue
             apart = np.isin(samples.stamp_ns, r.breaks(topic))
             streams[name] = Stream.of(self._seconds(samples), values(samples), apart=apart)
@@ -314,8 +285,8 @@ class SignalCollector:
 
     def _by_drive(self, names: Sequence[str], values: Singles) -> Singles:
         """Return values [N, len(names)] in the order of the drives; NaN for those not named."""
-        result = np.full((len(values), len(self._names)), np.nan, np.float32)
-        for i, name in enumerate(self._names):
+        result = np.full((len(values), len(self.names)), np.nan, np.float32)
+        for i, name in enumerate(self.names):
             if name in names:
                 result[:, i] = values[:, names.index(name)]
         return result
