@@ -8,20 +8,8 @@ from typing import Any
 import numpy as np
 from wattwalk_core.errors import InputError
 
-from power_recordings.messages import cdr
-from power_recordings.messages.samples import (
-    CmdVelSamples,
-    DriveSamples,
-    EstimateSamples,
-    FootForceSamples,
-    ImuSamples,
-    JointSamples,
-    MotorCurrentSamples,
-    MotorTemperatureSamples,
-    OdomSamples,
-    Samples,
-    SupplySamples,
-)
+from power_recordings.messages import cdr, samples
+from power_recordings.messages.samples import DriveSamples, EstimateSamples, Samples
 from power_recordings.messages.topic_columns import Columns
 
 
@@ -34,23 +22,23 @@ class Kind:
     build: Callable[[Columns], Samples]
 
 
-def _vectors(type_name: str, samples: Callable[..., Samples]) -> Kind:
+def _vectors(type_name: str, kind: Callable[..., Samples]) -> Kind:
     """Return the kind of messages of vectors, which `cdr.VECTORS` lists."""
 
     def build(columns: Columns) -> Samples:
         vectors = (columns.vector(path, axes) for path, axes in cdr.VECTORS[type_name])
-        return samples(columns.stamps(), *vectors)
+        return kind(columns.stamps(), *vectors)
 
     return Kind(type_name, cdr.vector_paths(type_name), build)
 
 
-def _by_name(samples: Callable[..., Samples], *fields: str) -> Kind:
+def _by_name(kind: Callable[..., Samples], *fields: str) -> Kind:
     """Return the kind of JointState messages of which these fields count."""
 
     def build(columns: Columns) -> Samples:
         names = columns.names()
         values = (columns.by_name(path, names) for path in fields)
-        return samples(columns.stamps(), names, *values)
+        return kind(columns.stamps(), names, *values)
 
     return Kind(cdr.JOINT_STATE, fields, build)
 
@@ -60,30 +48,30 @@ def _drives(columns: Columns) -> DriveSamples:
     parts: dict[str, list[np.ndarray]] = {field: [] for field in ('stamp', 'order', *_DRIVES)}
     for block in columns.blocks:
         ticks = block.columns['device_time']
-        samples = ticks.shape[1]
+        count = ticks.shape[1]
         since_first = (ticks - ticks[:, :1]).astype(np.int64)
-        sequence = block.columns['sequence'][:, None] + np.arange(samples, dtype=np.uint64)
+        sequence = block.columns['sequence'][:, None] + np.arange(count, dtype=np.uint64)
         celsius = columns.remapped(block, 'temperature', names)
         parts['stamp'].append((block.stamp_ns[:, None] + since_first).ravel())
-        parts['order'].append(np.repeat(block.order, samples))
+        parts['order'].append(np.repeat(block.order, count))
         parts['sequence'].append(sequence.ravel())
         parts['device_time'].append(ticks.ravel())
-        parts['temperature'].append(np.repeat(celsius, samples, axis=0))
+        parts['temperature'].append(np.repeat(celsius, count, axis=0))
         for path in ('voltage', 'current', 'status'):
-            parts[path].append(columns.remapped(block, path, names, samples))
+            parts[path].append(columns.remapped(block, path, names, count))
     order = parts.pop('order')
     arrays = {field: columns.in_order(values, order) for field, values in parts.items()}
     return DriveSamples(arrays.pop('stamp'), names, **arrays)
 
 
-def _supply(columns: Columns) -> SupplySamples:
-    return SupplySamples(columns.stamps(), columns.scalars('voltage'), columns.scalars('current'))
+def _supply(columns: Columns) -> Samples:
+    values = (columns.scalars(path) for path in ('voltage', 'current'))
+    return samples.SupplySamples(columns.stamps(), *values)
 
 
-def _cmd_vel(columns: Columns) -> CmdVelSamples:
-    return CmdVelSamples(
-        columns.stamps(), np.stack([columns.scalars(path) for path in _TWIST], axis=1)
-    )
+def _cmd_vel(columns: Columns) -> Samples:
+    velocity = np.stack([columns.scalars(path) for path in _TWIST], axis=1)
+    return samples.CmdVelSamples(columns.stamps(), velocity)
 
 
 def _estimates(columns: Columns) -> EstimateSamples:
@@ -100,7 +88,7 @@ def _estimates(columns: Columns) -> EstimateSamples:
 
 _DRIVES = ('sequence', 'device_time', 'voltage', 'current', 'temperature', 'status')
 _TWIST = cdr.vector_paths(cdr.TWIST_STAMPED)
-_JOINTS = _by_name(JointSamples, 'position', 'velocity', 'effort')
+_JOINTS = _by_name(samples.JointSamples, 'position', 'velocity', 'effort')
 
 KINDS: Mapping[str, Kind] = {
     'drive_supply': Kind(cdr.DRIVE_SUPPLY, _DRIVES, _drives),
@@ -108,12 +96,12 @@ KINDS: Mapping[str, Kind] = {
     'joint_commands': _JOINTS,
     'supply': Kind(cdr.BATTERY_STATE, ('voltage', 'current'), _supply),
     'power_estimate': Kind(cdr.POWER_ESTIMATE, ('power', 'total', 'status'), _estimates),
-    'imu': _vectors(cdr.IMU, ImuSamples),
-    'odom': _vectors(cdr.ODOMETRY, OdomSamples),
+    'imu': _vectors(cdr.IMU, samples.ImuSamples),
+    'odom': _vectors(cdr.ODOMETRY, samples.OdomSamples),
     'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
-    'motor_current': _by_name(MotorCurrentSamples, 'effort'),
-    'motor_temperature': _by_name(MotorTemperatureSamples, 'effort'),
-    'foot_force': _by_name(FootForceSamples, 'effort'),
+    'motor_current': _by_name(samples.MotorCurrentSamples, 'effort'),
+    'motor_temperature': _by_name(samples.MotorTemperatureSamples, 'effort'),
+    'foot_force': _by_name(samples.FootForceSamples, 'effort'),
 }
 
 

@@ -1,7 +1,7 @@
 """Recordings in memory: reading of bags, checks and order of stamps."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +33,16 @@ from power_recordings.reading import bag_folder
 from power_recordings.reading.ordering import ascending
 
 S = TypeVar('S', bound=Samples)
+
+
+def _topic(name: str, kind: type[S]) -> Callable[['Recording'], S]:
+    """Return the method of a recording that returns its samples of a topic, of class `kind`."""
+
+    def samples(recording: 'Recording') -> S:
+        return cast(S, recording._get(name))
+
+    samples.__doc__ = kind.__doc__
+    return samples
 
 
 @dataclass(frozen=True)
@@ -191,49 +201,17 @@ class Recording:
         """Return stamps, ns [B], of a topic's samples directly after samples that were dropped."""
         return self._breaks[name]
 
-    def drive_supply(self) -> DriveSamples:
-        """Voltage and current of the drives."""
-        return cast(DriveSamples, self._get('drive_supply'))
-
-    def joint_states(self) -> JointSamples:
-        """Position, velocity and torque of the joints."""
-        return cast(JointSamples, self._get('joint_states'))
-
-    def joint_commands(self) -> JointSamples:
-        """Commanded positions, velocities and torques of the joints."""
-        return cast(JointSamples, self._get('joint_commands'))
-
-    def motor_current(self) -> MotorCurrentSamples:
-        """Torque-producing currents of the motors."""
-        return cast(MotorCurrentSamples, self._get('motor_current'))
-
-    def motor_temperature(self) -> MotorTemperatureSamples:
-        """Winding temperatures of the drives without a meter of their own."""
-        return cast(MotorTemperatureSamples, self._get('motor_temperature'))
-
-    def supply(self) -> SupplySamples:
-        """Voltage and current of the whole robot's supply."""
-        return cast(SupplySamples, self._get('supply'))
-
-    def power_estimate(self) -> EstimateSamples:
-        """Power estimates that were published during the recording."""
-        return cast(EstimateSamples, self._get('power_estimate'))
-
-    def foot_force(self) -> FootForceSamples:
-        """Normal forces of the feet."""
-        return cast(FootForceSamples, self._get('foot_force'))
-
-    def imu(self) -> ImuSamples:
-        """Inertial measurements."""
-        return cast(ImuSamples, self._get('imu'))
-
-    def odom(self) -> OdomSamples:
-        """Odometry."""
-        return cast(OdomSamples, self._get('odom'))
-
-    def cmd_vel(self) -> CmdVelSamples:
-        """Velocity commands."""
-        return cast(CmdVelSamples, self._get('cmd_vel'))
+    drive_supply = _topic('drive_supply', DriveSamples)  # voltage and current of the drives
+    joint_states = _topic('joint_states', JointSamples)  # position, velocity and torque
+    joint_commands = _topic('joint_commands', JointSamples)  # the same, as commanded
+    motor_current = _topic('motor_current', MotorCurrentSamples)  # torque-producing
+    motor_temperature = _topic('motor_temperature', MotorTemperatureSamples)  # of windings
+    supply = _topic('supply', SupplySamples)  # voltage and current of the whole robot
+    power_estimate = _topic('power_estimate', EstimateSamples)  # as published
+    foot_force = _topic('foot_force', FootForceSamples)  # normal forces of the feet
+    imu = _topic('imu', ImuSamples)
+    odom = _topic('odom', OdomSamples)
+    cmd_vel = _topic('cmd_vel', CmdVelSamples)  # velocity commands
 
     def _get(self, name: str) -> Samples:
         if name in self._errors:
