@@ -179,9 +179,7 @@ def measure(
     state: Floats | None = None
     level = np.zeros(1)
     rest = np.zeros((2, 0))
-    energy: list[Floats] = []
-    detector: list[Floats] = []
-    highest: list[Floats] = []
+    found: list[Floats] = []  # energy, detector and highest of bins, [3, n]
     count = 0
     for block in blocks:
         if state is None:
@@ -193,24 +191,15 @@ def measure(
         count += len(held)
         rest = np.concatenate([rest, [squares, held]], axis=1)
         whole = rest.shape[1] // length * length
-        energy.append(rest[0, :whole].reshape(-1, length).mean(axis=1))
-        bins = rest[1, :whole].reshape(-1, length)
-        detector.append(bins[:, -1].copy())  # a view would keep every sample
-        highest.append(bins.max(axis=1))
+        power, falling = rest[:, :whole].reshape(2, -1, length)
+        found.append(np.stack([power.mean(axis=1), falling[:, -1], falling.max(axis=1)]))
         rest = rest[:, whole:]
     least = max(1.0, 2.0 * SETTLED * tau)
     if count < least * rate:
         raise InputError(
             f'{count / rate:.2f} s are too short: {time} levels need {least:g} s of sound at least'
         )
-    joined = np.concatenate(energy)
-    if float(joined.mean()) < _SILENCE:
+    energy, detector, highest = np.concatenate(found, axis=1)
+    if float(energy.mean()) < _SILENCE:
         raise InputError('silent from start to end: was the microphone connected?')
-    return Sound(
-        rate=rate,
-        step=length / rate,
-        energy=joined,
-        detector=np.concatenate(detector),
-        highest=np.concatenate(highest),
-        bands=spectrum.bands(),
-    )
+    return Sound(rate, length / rate, energy, detector, highest, spectrum.bands())

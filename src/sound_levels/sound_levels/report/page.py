@@ -129,7 +129,8 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
             ('policy', 'figure', 'dB louder', '95 % interval', 'block s'),
             [
                 (
-                    *(name, key.title(), f'{d.value:+.2f}', _span(d.interval)),
+                    *(name, key.title(), f'{d.value:+.2f}'),
+                    f'{d.interval[0]:+.2f} … {d.interval[1]:+.2f}',
                     'by files' if block is None else f'{block:.2f}',
                 )
                 for name, (figures, block) in louder.items()
@@ -163,28 +164,22 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
 
 
 def _alignments(page: Page, analysis: Analysis) -> None:
-    takes = [take for take in analysis.takes if take.alignment is not None]
-    if not takes:
+    found = [(take, take.alignment) for take in analysis.takes if take.alignment is not None]
+    if not found:
         return
     page.heading('Alignment with recordings')
     page.table(
         ('file', 'recording', 'by', 'offset s', 'drift ppm', 'correlation', 'rival'),
         [
             (
-                *(take.path.name, take.recording, take.alignment.method),
-                *(f'{take.alignment.offset:+.3f}', f'{take.alignment.drift:+.0f}'),
-                *(f'{take.alignment.correlation:.2f}', f'{take.alignment.rival:.2f}'),
+                *(take.path.name, take.recording, own.method, f'{own.offset:+.3f}'),
+                *(f'{own.drift:+.0f}', f'{own.correlation:.2f}', f'{own.rival:.2f}'),
             )
-            for take in takes
-            if take.alignment is not None
+            for take, own in found
         ],
         numbers=(3, 4, 5, 6),
     )
-
     words = 'level, landings'
-    page.tabs({t.path.name: embedded(partial(draw_alignment, analysis, t), words) for t in takes})
+    tabs = {t.path.name: embedded(partial(draw_alignment, analysis, t), words) for t, _ in found}
+    page.tabs(tabs)
     page.text('Three seconds; vertical lines are landings of a foot by foot_force.', faint=True)
-
-
-def _span(interval: tuple[float, float]) -> str:
-    return f'{interval[0]:+.2f} … {interval[1]:+.2f}'
