@@ -154,27 +154,25 @@ class McapFile:
 
     def _unpacked(self, body: bytes, indices: Sequence[bytes], skip: Skip) -> Iterator[Batch]:
         if skip is not None and indices:
-            counts = {int.from_bytes(i[:2], 'little'): (len(i) - 6) // 16 for i in indices}
-            known = counts.keys() <= self.topics.keys()
-            if known and skip({self.topics[c].name: n for c, n in counts.items()}):
+            listed = _by_channel(indices)
+            known = listed.keys() <= self.topics.keys()
+            if known and skip({self.topics[c].name: len(own) for c, own in listed.items()}):
                 return
         try:
-            chunk = _Chunk(body, self.path)
+            raw = _chunk(body, self.path)
         except (ValueError, struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:
             self._problem(f': a damaged chunk was left out ({printable(str(error))})')
             return
-        self._room -= len(chunk.raw)
+        self._room -= len(raw)
         if self._room < 0:
             raise InputError(
                 f'{self.path}: its chunks unpack to more than {RATIO} times its size; expected a '
                 'recording'
             )
-        for index in indices:
-            chunk.add_index(index)
-        yield from self._batches(chunk)
+        yield from self._batches(_Records(raw), indices)
 
-    def _batches(self, records: '_Records') -> Iterator[Batch]:
-        found = records.indexed()
+    def _batches(self, records: '_Records', indices: Sequence[bytes] = ()) -> Iterator[Batch]:
+        found = records.indexed(indices)
         if found is None:
             for code, start, length in records:
                 if code != Opcode.MESSAGE:
@@ -198,7 +196,6 @@ class _Records:
         self.raw = raw
         self.data = np.frombuffer(raw, np.uint8)
         self.lost = 0  # bytes at which the last iteration ended early
-        self._index: dict[int, NDArray[np.void]] = {}
 
     def __iter__(self) -> Iterator[tuple[int, int, int]]:
         position, end = 0, len(self.raw)
@@ -212,19 +209,14 @@ class _Records:
                 return
             yield code, start, length
 
-    def add_index(self, body: bytes) -> None:
-        """Keep a message index record, which lists the messages of one channel."""
-        entries = body[6 : 6 + (len(body) - 6) // 16 * 16]
-        self._index[int.from_bytes(body[:2], 'little')] = np.frombuffer(entries, _ENTRY)
+    def indexed(self, indices: Sequence[bytes]) -> _Found | None:
+        """Return offsets, sizes and log times of the messages by channel, from index records.
 
-    def indexed(self) -> _Found | None:
-        """Return offsets, sizes and log times of the messages by channel, from the index.
-
-        None unless the index covers every byte.
+        None unless they cover every byte.
         """
         found: _Found = {}
         total = 0
-        for channel, entries in self._index.items():
+        for channel, entries in _by_channel(indices).items():
             if not len(entries):
                 continue
             offsets = entries['offset'].astype(np.int64)
@@ -259,30 +251,36 @@ class _Records:
         return found
 
 
-class _Chunk(_Records):
-    """An unpacked chunk; ValueError if its checksum or size is wrong."""
+def _by_channel(indices: Sequence[bytes]) -> dict[int, NDArray[np.void]]:
+    """Return times and offsets of messages by channel; of index records, one lists a channel."""
+    return {
+        int.from_bytes(raw[:2], 'little'): np.frombuffer(raw[6:], _ENTRY, (len(raw) - 6) // 16)
+        for raw in indices
+    }
 
-    def __init__(self, body: bytes, path: Path) -> None:
-        _, _, size, checksum, name_length = _CHUNK.unpack_from(body)
-        name_end = _CHUNK.size + name_length
-        compression = body[_CHUNK.size : name_end].decode()
-        packed = memoryview(body)[name_end + 8 :]
-        if size > LARGEST:
-            raise ValueError(f'{size} bytes; at most {LARGEST} are read')
-        if compression == 'zstd':
-            if zstandard.frame_content_size(packed) > size:
-                raise ValueError(f'more than its {size} bytes')
-            raw = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-        elif compression == 'lz4':
-            raw = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
-        elif compression == '':
-            raw = bytes(packed)
-        else:
-            raise InputError(
-                f'{path}: chunks are compressed by {quoted(compression)}; convert the bag to zstd'
-            )
-        if len(raw) != size:
-            raise ValueError(f'{len(raw)} bytes instead of {size}')
-        if checksum and zlib.crc32(raw) != checksum:
-            raise ValueError('wrong checksum')
-        super().__init__(raw)
+
+def _chunk(body: bytes, path: Path) -> bytes:
+    """Return the records of a chunk; ValueError if its checksum or size is wrong."""
+    _, _, size, checksum, name_length = _CHUNK.unpack_from(body)
+    name_end = _CHUNK.size + name_length
+    compression = body[_CHUNK.size : name_end].decode()
+    packed = memoryview(body)[name_end + 8 :]
+    if size > LARGEST:
+        raise ValueError(f'{size} bytes; at most {LARGEST} are read')
+    if compression == 'zstd':
+        if zstandard.frame_content_size(packed) > size:
+            raise ValueError(f'more than its {size} bytes')
+        raw = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    elif compression == 'lz4':
+        raw = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
+    elif compression == '':
+        raw = bytes(packed)
+    else:
+        raise InputError(
+            f'{path}: chunks are compressed by {quoted(compression)}; convert the bag to zstd'
+        )
+    if len(raw) != size:
+        raise ValueError(f'{len(raw)} bytes instead of {size}')
+    if checksum and zlib.crc32(raw) != checksum:
+        raise ValueError('wrong checksum')
+    return raw
