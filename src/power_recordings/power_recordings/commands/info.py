@@ -1,6 +1,7 @@
 """`ros2 run power_recordings info`: content and quality of a recording."""
 
 import argparse
+from dataclasses import asdict
 
 from rich import box
 from rich.console import Console
@@ -21,7 +22,7 @@ def run(options: argparse.Namespace) -> None:
     """Check recordings (or take their results from the index) and print their quality."""
     with RecordingIndex(usual_path()) as index:
         found = [checked(path, index) for path in options.bags]
-    write_json(options.json, finite({str(one.path): one.quality.content() for one in found}))
+    write_json(options.json, finite({str(one.path): asdict(one.quality) for one in found}))
     for one in found:
         print_quality(one)
 

@@ -1,7 +1,7 @@
 """Quality of a recording from the index, or checked and kept there."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from wattwalk_core.files import code_fingerprint
@@ -52,7 +52,7 @@ def checked(path: Path, index: RecordingIndex) -> Checked:
     content = {
         'card': card_content(found.card),
         'problems': found.problems,
-        'quality': found.quality.content(),
+        'quality': asdict(found.quality),
     }
     figures = [
         DriveFigure(drive, name, float(getattr(own, name)), unit)

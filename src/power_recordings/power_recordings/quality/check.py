@@ -1,8 +1,7 @@
 """Quality of a recording: a table by drive, and findings with the line of the map to mend."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from wattwalk_core.arrays import Floats, Singles, Stamps
@@ -80,10 +79,6 @@ class Quality:
     robot: physics.ShaftBalance | None = None  # where it alone was metered
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
-    def content(self) -> dict[str, Any]:
-        """Return all figures as nested dicts for JSON, which `schema.parse` reads back."""
-        return asdict(self)
-
 
 @np.errstate(all='ignore')
 def check_recording(recording: Recording) -> Quality:
@@ -94,20 +89,20 @@ def check_recording(recording: Recording) -> Quality:
         if recording.has(name):
             topics[name] = streams.timing(getattr(recording, name)().stamp_ns)
     if 'drive_supply' in topics:
-        lost['drive_supply'] = streams.sample_loss(recording.drive_supply().sequence)
+        electric = recording.drive_supply()
+        gaps = int((np.diff(electric.sequence.astype(np.int64)) > 1).sum())
+        lost['drive_supply'] = SampleLoss(electric.lost, gaps)
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
     supply, robot = checker.supply(), checker.robot(drives)
     card = recording.card
-    found = findings.judged(
-        (
-            *findings.clock_findings(recording, topics),
-            *findings.loss_findings(lost, topics),
-            *checker.findings,
-            *findings.computed_findings(card),
-        ),
-        card.steady,
+    found = (
+        *findings.clock_findings(recording, topics),
+        *findings.loss_findings(lost, topics),
+        *checker.findings,
+        *findings.computed_findings(card),
     )
+    found = tuple(f for f in found if not card.steady or f.code not in findings.OF_TIME)
     torque_at = dict(card.torque)
     return Quality(recording.duration, topics, drives, torque_at, found, supply, robot, lost)
 
@@ -139,26 +134,18 @@ class _Checker:
         time, position, velocity, torque = self._motion(name)
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
-        known = len(time) > 0 and rate >= LEAST_UPDATES
-        motion = (time, torque, velocity)
-        agree = slope == slope or name in self._card.derived_velocity
-        balance = self._power(name, power, motion, agree) if known else None
+        balance = None
+        if len(time) and rate >= LEAST_UPDATES:
+            agree = slope == slope or name in self._card.derived_velocity
+            balance = self._power(name, power, (time, torque, velocity), agree)
         self._torque_of_current(name, torque, velocity)
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
             self._find('coverage', 'warning', name, text)
-        return DriveQuality(
-            rate,
-            np.nan if balance is None else balance.slope,
-            np.nan if balance is None else balance.share,
-            slope,
-            _range(torque),
-            _range(velocity),
-            _range(power),
-            cells,
-            quadrants,
-        )
+        of_power = (np.nan, np.nan) if balance is None else (balance.slope, balance.share)
+        ranges = (_range(values) for values in (torque, velocity, power))
+        return DriveQuality(rate, *of_power, slope, *ranges, cells, quadrants)
 
     def _torque_of_current(self, name: str, torque: Floats, velocity: Floats) -> None:
         """Find a torque that was computed from a current, though the map has it as another's."""

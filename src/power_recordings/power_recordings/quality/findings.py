@@ -43,7 +43,8 @@ class Finding:
         return f'{who}{self.text}' + (f'; in the map: {self.mend}' if self.mend else '')
 
 
-_OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
+OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
+"""Codes of findings on timing, which do not apply to operating points."""
 _FED: Final = -0.1  # of the power (rms), losses below which no offset of a meter explains
 _TORQUE: Final = 0.75  # of what a sensor or a torque constant says, at least
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
@@ -255,11 +256,6 @@ def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | Non
     text = f'its voltage is {known[0]:.4g} V throughout: its power is a constant times its current'
     text += ', how the supply sags is not in it'
     return Finding('constant_voltage', 'warning', drive, text)
-
-
-def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
-    """Return the findings that apply; if `steady`, without those on timing."""
-    return tuple(f for f in findings if not steady or f.code not in _OF_TIME)
 
 
 _GAPS: Final = 0.05  # share of the recording

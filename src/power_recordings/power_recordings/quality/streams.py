@@ -31,17 +31,13 @@ class Timing:
 
 @dataclass(frozen=True)
 class SampleLoss:
-    """Number of samples missing by a topic's sequence numbers, and of gaps."""
+    """Number of samples missing by a topic's sequence numbers, and of gaps.
+
+    A number that goes back is a new start, no loss.
+    """
 
     samples: int
     gaps: int
-
-
-def sample_loss(sequence: NDArray[np.uint64]) -> SampleLoss:
-    """Return the loss of numbered samples [N]; a number that goes back is a new start, no loss."""
-    missing = np.diff(sequence.astype(np.int64)) - 1
-    missing = missing[missing > 0]
-    return SampleLoss(int(missing.sum()), len(missing))
 
 
 def timing(stamps: Stamps) -> Timing:
