@@ -19,8 +19,7 @@ _QUANTITIES = {'position': 'position', 'velocity': 'velocity', 'effort': 'torque
 _MOSTLY = 0.5
 _OFTEN = 0.2
 _MOST_RADIANS = 4 * np.pi
-_MOST_AMPERES = 1000.0
-_MOST_VOLTS = 1000.0
+_MOST_ELECTRIC = 1000.0  # V and A
 
 
 class RecordedSignals:
@@ -49,7 +48,10 @@ class RecordedSignals:
         self.joints = self._joint_stream()
         self._must_overlap()
         self.commands = self._commands()
-        self.cmd_vel = self._cmd_vel()
+        self.cmd_vel: tuple[Floats, Singles] | None = None
+        if recording.has('cmd_vel'):
+            samples = recording.cmd_vel()
+            self.cmd_vel = self._seconds(samples), samples.velocity
         self.others = self._others()
         self.facts: dict[str, Any] = {
             fact: frozenset(name for name in self.names if of.get(name) == value)
@@ -117,10 +119,10 @@ class RecordedSignals:
     def _joint_stream(self) -> Stream:
         joints, path = self._joints, self.path
         columns = [joints.names.index(name) for name in self.names]
+        position, velocity, torque = (getattr(joints, name)[:, columns] for name in _QUANTITIES)
+        all_values = (position, velocity, torque)
         bad = np.zeros(len(joints), np.bool_)
-        parts = []
-        for name, quantity in _QUANTITIES.items():
-            values = getattr(joints, name)[:, columns]
+        for (name, quantity), values in zip(_QUANTITIES.items(), all_values, strict=True):
             nan = ~np.isfinite(values)
             unknown = nan.all(axis=0) if name == 'position' else np.zeros(len(columns), np.bool_)
             for drive, share in zip(self.names, nan.mean(axis=0) * ~unknown, strict=True):
@@ -135,27 +137,22 @@ class RecordedSignals:
                         f'{share:.0%} of the messages; expected numbers'
                     )
             bad |= (nan & ~unknown).any(axis=1)
-            parts.append(values)
         seconds = self._seconds(joints)
-        parts[0] = np.stack(
-            [unwrapped(seconds, *both) for both in zip(parts[0].T, parts[1].T, strict=True)],
-            axis=1,
-        )
-        beyond = (np.abs(parts[0]) > _MOST_RADIANS).mean(axis=0)
-        for worst in np.flatnonzero(beyond > _OFTEN).tolist():
-            position = parts[0][:, worst]
-            if stands_still(position) or is_rate(seconds, position, parts[1][:, worst]):
-                continue
-            raise InputError(
-                f'{path}: joint_states.position of {self.names[worst]}'
-                f'{self._card.column(self.names[worst], "position")} reaches '
-                f'{np.nanmax(np.abs(parts[0][:, worst])):.4g}, mostly beyond 4π: '
-                'degrees? expected rad (a drive that turns on is taken where its velocity is the '
-                'rate of its position)'
-            )
+        turns = [unwrapped(seconds, *both) for both in zip(position.T, velocity.T, strict=True)]
+        for drive, angle, speed in zip(self.names, turns, velocity.T, strict=True):
+            often = (np.abs(angle) > _MOST_RADIANS).mean() > _OFTEN
+            if often and not stands_still(angle) and not is_rate(seconds, angle, speed):
+                raise InputError(
+                    f'{path}: joint_states.position of {drive}'
+                    f'{self._card.column(drive, "position")} reaches '
+                    f'{np.nanmax(np.abs(angle)):.4g}, mostly beyond 4π: '
+                    'degrees? expected rad (a drive that turns on is taken where its velocity is '
+                    'the rate of its position)'
+                )
         self._note(bad, 'joint_states: {} samples with NaN cut out')
         apart = np.isin(joints.stamp_ns, self._recording.breaks('joint_states'))
-        stream = Stream.of(seconds, np.concatenate(parts, axis=1), bad, apart)
+        values = np.concatenate([np.stack(turns, axis=1), velocity, torque], axis=1)
+        stream = Stream.of(seconds, values, bad, apart)
         self._note_gaps('joint_states', stream)
         return stream
 
@@ -164,12 +161,18 @@ class RecordedSignals:
         wanted = [name for name in self.names if name in supply.names]
         columns = [supply.names.index(name) for name in wanted]
         voltage, current = supply.voltage[:, columns], supply.current[:, columns]
-        self._check_range('voltage', voltage, wanted, _MOST_VOLTS, 'mV? expected V')
-        self._check_range('current', current, wanted, _MOST_AMPERES, 'mA? expected A')
+        for name, values, unit in (('voltage', voltage, 'V'), ('current', current, 'A')):
+            for drive, column in zip(wanted, np.abs(values).T, strict=True):
+                if (column > _MOST_ELECTRIC).mean() > _OFTEN:
+                    raise InputError(
+                        f'{self.path}: drive_supply.{name} of {drive}'
+                        f'{self._card.column(drive, name)} reaches {np.nanmax(column):.4g}: '
+                        f'm{unit}? expected {unit}'
+                    )
         flagged, bad = supply.status[:, columns] != 0, ~supply.good[:, columns]
         share = bad.mean(axis=0)
-        keep = [i for i in range(len(wanted)) if share[i] <= _MOSTLY]
-        for i in set(range(len(wanted))) - set(keep):
+        keep = np.flatnonzero(share <= _MOSTLY).tolist()
+        for i in np.flatnonzero(share > _MOSTLY).tolist():
             self.notes.append(
                 f'drive_supply: {share[i]:.0%} of the samples of {wanted[i]} are bad; '
                 'it counts as not measured'
@@ -194,22 +197,10 @@ class RecordedSignals:
         apart |= (flagged & read)[:, keep].any(axis=1)  # wrong, as the meter itself says
         volts, amps = voltage[:, keep], current[:, keep]
         celsius = supply.temperature[:, columns][:, keep]
-        values = np.concatenate([volts * amps, volts, amps, celsius], axis=1)
-        marked = np.asarray(bad[:, keep].any(axis=1), np.bool_)
-        stream = Stream.of(self._seconds(supply), values, marked, apart)
+        signals = np.concatenate([volts * amps, volts, amps, celsius], axis=1)
+        stream = Stream.of(self._seconds(supply), signals, bad[:, keep].any(axis=1), apart)
         self._note_gaps('drive_supply', stream)
         return stream, tuple(wanted[i] for i in keep)
-
-    def _check_range(
-        self, name: str, values: Singles, drives: Sequence[str], most: float, hint: str
-    ) -> None:
-        for drive, column in zip(drives, values.T, strict=True):
-            if (np.abs(column) > most).mean() > _OFTEN:
-                largest = np.nanmax(np.abs(column))
-                raise InputError(
-                    f'{self.path}: drive_supply.{name} of {drive}'
-                    f'{self._card.column(drive, name)} reaches {largest:.4g}: {hint}'
-                )
 
     def _note(self, which: Bools, text: str) -> None:
         if which.any():
@@ -248,12 +239,6 @@ class RecordedSignals:
         values = self._by_drive(commands.names, commands.position)
         some = np.isfinite(values).any(axis=1)
         return (self._seconds(commands)[some], values[some]) if some.any() else None
-
-    def _cmd_vel(self) -> tuple[Floats, Singles] | None:
-        if not self._recording.has('cmd_vel'):
-            return None
-        samples = self._recording.cmd_vel()
-        return self._seconds(samples), samples.velocity
 
     def _others(self) -> dict[str, Stream]:
         r = self._recording
