@@ -293,14 +293,19 @@ def _keep(
     database: sqlite3.Connection, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None
 ) -> None:
     with database:
-        # Before the look, or another process may add the recording between it and the insert.
-        database.execute('BEGIN IMMEDIATE')
-        query = 'SELECT id, size, changed FROM recordings WHERE path = ?'
-        row = database.execute(query, (stamp.path,)).fetchone()
-        if row is not None and row[1:] != (stamp.size, stamp.changed):
-            database.execute('DELETE FROM recordings WHERE id = ?', (row[0],))
-            row = None
-        number = _added(database, stamp, about.card) if row is None else int(row[0])
+        state, card = (stamp.path, stamp.size, stamp.changed), about.card
+        entries = (card.robot, card.unit, card.controller, card.terrain, card.created)
+        content = json.dumps(card_content(card), default=str)
+        database.execute(
+            'DELETE FROM recordings WHERE path = ? AND (size <> ? OR changed <> ?)', state
+        )
+        database.execute(
+            'INSERT OR IGNORE INTO recordings (path, size, changed, name, robot, unit, '
+            'controller, terrain, created, card) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
+            (*state, Path(stamp.path).name, *entries, content),
+        )
+        query = 'SELECT id FROM recordings WHERE path = ?'
+        (number,) = database.execute(query, (stamp.path,)).fetchone()
         if about.start is not None:
             database.execute(
                 'UPDATE recordings SET start = ?, seconds = ? WHERE id = ?',
@@ -321,17 +326,3 @@ def _keep(
                 for f in answer.figures
             ),
         )
-
-
-def _added(database: sqlite3.Connection, stamp: Stamp, card: Card) -> int:
-    added = database.execute(
-        'INSERT INTO recordings (path, size, changed, name, robot, unit, controller, terrain, '
-        'created, card) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
-        (
-            *(stamp.path, stamp.size, stamp.changed, Path(stamp.path).name),
-            *(card.robot, card.unit, card.controller, card.terrain, card.created),
-            json.dumps(card_content(card), default=str),
-        ),
-    )
-    assert added.lastrowid is not None
-    return added.lastrowid
