@@ -198,7 +198,8 @@ class RecordedSignals:
         volts, amps = voltage[:, keep], current[:, keep]
         celsius = supply.temperature[:, columns][:, keep]
         signals = np.concatenate([volts * amps, volts, amps, celsius], axis=1)
-        stream = Stream.of(self._seconds(supply), signals, bad[:, keep].any(axis=1), apart)
+        marked = np.asarray(bad[:, keep].any(axis=1), np.bool_)
+        stream = Stream.of(self._seconds(supply), signals, marked, apart)
         self._note_gaps('drive_supply', stream)
         return stream, tuple(wanted[i] for i in keep)
 

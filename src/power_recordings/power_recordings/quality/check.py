@@ -144,8 +144,8 @@ class _Checker:
             text = f'visits {cells:.0%} of its torque–speed range only'
             self._find('coverage', 'warning', name, text)
         of_power = (np.nan, np.nan) if balance is None else (balance.slope, balance.share)
-        ranges = (_range(values) for values in (torque, velocity, power))
-        return DriveQuality(rate, *of_power, slope, *ranges, cells, quadrants)
+        torques, speeds, watts = _range(torque), _range(velocity), _range(power)
+        return DriveQuality(rate, *of_power, slope, torques, speeds, watts, cells, quadrants)
 
     def _torque_of_current(self, name: str, torque: Floats, velocity: Floats) -> None:
         """Find a torque that was computed from a current, though the map has it as another's."""
