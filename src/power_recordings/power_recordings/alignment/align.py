@@ -36,10 +36,10 @@ def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
             f'{source.path}: {len(rows)} of {len(time)} operating points have torque, speed and '
             'power'
         )
-    left_out = len(time) - len(rows)
-    notes = (f'{source.path}: {left_out} operating points with NaN left out',) if left_out else ()
+    notes = [*source.notes]
+    if left_out := len(time) - len(rows):
+        notes.append(f'{left_out} operating points with NaN left out')
     kept = {name: values[rows] for name, values in found.items()}
-    notes = (*(f'{source.path}: {note}' for note in source.notes), *notes)
     whole = _dataset(source, rate, [{'time': np.arange(len(rows)) / rate, **kept}], notes)
     return replace(whole, segment=np.arange(len(rows), dtype=np.int32), steady=True)
 
@@ -93,8 +93,7 @@ def align(
             f'gaps is longer than the {segments.shortest:.2f} s that the filters need'
             + ''.join(f'; {note}' for note in source.notes)
         )
-    notes = tuple(f'{recording.path}: {note}' for note in segments.notes(pieces))
-    return _dataset(source, rate, pieces, notes)
+    return _dataset(source, rate, pieces, segments.notes(pieces))
 
 
 def load_aligned(
@@ -239,9 +238,10 @@ class _Segments:
         if self._source.cmd_vel is not None:
             result['cmd_vel'] = held(*self._source.cmd_vel, grid)[inner]
         for name, values in self._source.sample(grid).items():
-            is_held = name == 'command' and not self._smooth
-            filtered = values[inner] if is_held else centred(values, self._taps)[:: self._every]
-            result[name] = filtered
+            if name == 'command' and not self._smooth:
+                result[name] = values[inner]
+            else:
+                result[name] = centred(values, self._taps)[:: self._every]
         if 'orientation' in result:
             norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
             result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
@@ -289,7 +289,7 @@ def _common(a: Floats, b: Floats) -> Floats:
 
 
 def _dataset(
-    source: RecordedSignals, rate: float, pieces: Sequence[_Piece], notes: tuple[str, ...]
+    source: RecordedSignals, rate: float, pieces: Sequence[_Piece], notes: Sequence[str]
 ) -> AlignedDataset:
     sizes = [len(piece['time']) for piece in pieces]
     arrays: dict[str, Any] = {
@@ -306,7 +306,7 @@ def _dataset(
         recording=np.zeros(len(time), np.int32),
         motor_current=arrays.pop('motor_current', None),
         extras={key: array for key, array in arrays.items() if key not in _PARTS},
-        notes=notes,
+        notes=tuple(f'{source.path}: {note}' for note in notes),
         **source.facts,
         **{key: arrays[key] for key in _PARTS},
     )

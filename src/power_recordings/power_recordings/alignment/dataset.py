@@ -93,8 +93,7 @@ class AlignedDataset:
 
     def drives(self, names: Sequence[str]) -> 'AlignedDataset':
         """Return the dataset of the named drives, in that order; KeyError for an unknown one."""
-        missing = [name for name in names if name not in self.names]
-        if missing:
+        if missing := [name for name in names if name not in self.names]:
             raise KeyError(f'no drive {missing[0]!r}; there are {", ".join(self.names)}')
         if tuple(names) == self.names:
             return self

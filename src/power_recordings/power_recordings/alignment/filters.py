@@ -43,9 +43,8 @@ def low_pass(rate: float, passband: float, stopband: float) -> Floats:
 def antialias(rate: float, lower: float) -> Floats:
     """Return the taps of an anti-alias filter for resampling from `rate` to `lower` Hz.
 
-    A single tap of 1 where `lower` is 90 % of `rate` or more.
-
-    Its passband ends at a quarter of the lower rate and its stopband begins at half of it.
+    Its passband ends at a quarter of the lower rate and its stopband begins at half of it. A
+    single tap of 1 where `lower` is 90 % of `rate` or more.
     """
     return np.ones(1) if lower >= 0.9 * rate else low_pass(rate, lower / 4, lower / 2)
 

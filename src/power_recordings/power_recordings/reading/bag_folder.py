@@ -146,12 +146,11 @@ def find(path: Path) -> Bag:
         if path.suffix not in ('.mcap', '.db3'):
             raise InputError(f'{path} is not a recording: expected a bag folder or an .mcap file')
         return Bag(path, path.parent, (path,), None, ())
+    files = tuple(sorted(path.glob('*.mcap'), key=_number))
     if (path / 'metadata.yaml').exists():
-        return _described(path)
-    files = sorted(path.glob('*.mcap'), key=_number)
+        return _described(path, files)
     if files:
-        note = 'no metadata.yaml: the recorder was killed'
-        return Bag(path, path, tuple(files), None, (note,))
+        return Bag(path, path, files, None, ('no metadata.yaml: the recorder was killed',))
     if any(path.glob('*.db3')):
         raise InputError(
             f'{path} has no metadata.yaml: run `ros2 bag reindex {path} sqlite3` first'
@@ -159,7 +158,7 @@ def find(path: Path) -> Bag:
     raise InputError(f'{path} is not a recording: it holds neither metadata.yaml nor *.mcap')
 
 
-def _described(path: Path) -> Bag:
+def _described(path: Path, files: tuple[Path, ...]) -> Bag:
     file = path / 'metadata.yaml'
     try:
         content: Any = read_yaml(file, 'metadata')
@@ -168,10 +167,9 @@ def _described(path: Path) -> Bag:
         promised = int(information['message_count'])
         compressed = str(information.get('compression_mode') or '').lower()
     except (InputError, KeyError, TypeError, ValueError, AttributeError):
-        files = sorted(path.glob('*.mcap'), key=_number)
         if not files:
             raise InputError(f'{file} is damaged and there is no .mcap file beside it') from None
-        return Bag(path, path, tuple(files), None, ('metadata.yaml is damaged: not used',))
+        return Bag(path, path, files, None, ('metadata.yaml is damaged: not used',))
     if compressed in ('file', 'message'):
         raise InputError(
             f'{path} is compressed by {compressed}: run `ros2 bag convert` without '

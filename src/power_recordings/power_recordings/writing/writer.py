@@ -40,39 +40,18 @@ class MessageBlock:
             yield time, self.topic, raw
 
 
-class _Spool:
-    """Output of the MCAP writer that is not in the file yet."""
-
-    def __init__(self) -> None:
-        self.parts: list[bytes] = []
-        self._position = 0
-
-    def write(self, data: bytes) -> int:
-        if data:
-            self.parts.append(bytes(data))
-            self._position += len(data)
-        return len(data)
-
-    def tell(self) -> int:
-        return self._position
-
-    def flush(self) -> None:
-        pass
-
-    def take(self) -> bytes:
-        data = b''.join(self.parts)
-        self.parts.clear()
-        return data
-
-
 class _Output:
-    """A file of complete records, with space reserved for the end of the bag."""
+    """A file of complete records, with space reserved for the end of the bag.
+
+    What the MCAP writer writes waits in `parts` until `save` appends it to the file.
+    """
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(
             path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644
         )
         self.size = 0
+        self.parts: list[bytes] = []
         self._reserve: IO[bytes] | None = None
         try:
             self._reserve = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115
@@ -82,8 +61,20 @@ class _Output:
             path.unlink()
             raise
 
-    def append(self, records: bytes) -> None:
-        """Write all records; on OSError the file keeps its former end."""
+    def write(self, data: bytes) -> int:
+        if data:
+            self.parts.append(bytes(data))
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size + sum(map(len, self.parts))
+
+    def flush(self) -> None:
+        pass
+
+    def save(self) -> None:
+        """Append all that waits; on OSError the file keeps its former end."""
+        records = b''.join(self.parts)
         rest = memoryview(records)
         try:
             while rest:
@@ -93,6 +84,7 @@ class _Output:
             os.lseek(self._descriptor, self.size, os.SEEK_SET)
             raise
         self.size += len(records)
+        self.parts.clear()
 
     def release_reserve(self) -> None:
         """Free the reserved space."""
@@ -141,8 +133,6 @@ class BagWriter:
         self._chunk_start: int | None = None
         self._saved = 0
         self._closed = False
-        self._spool = _Spool()
-        self._mcap = Writer(self._spool, _CHUNK_SIZE)  # type: ignore[arg-type]
         make_way(self.path, overwrite)
         try:
             self.path.mkdir(parents=True)
@@ -151,6 +141,7 @@ class BagWriter:
             with suppress(OSError):
                 self.path.rmdir()
             raise RecordingError(f'cannot record to {self.path}: {advice(error)}') from error
+        self._mcap = Writer(self._output, _CHUNK_SIZE)  # type: ignore[arg-type]
         self._mcap.start('ros2', _LIBRARY)
         self._save()
 
@@ -209,7 +200,7 @@ class BagWriter:
         self._mcap.add_message(topic, time, cdr, time)
         if abs(time - self._chunk_start) >= self._period:
             self.flush()
-        elif self._spool.parts:
+        elif self._output.parts:
             self._save()
 
     def write_blocks(self, blocks: Sequence[MessageBlock]) -> None:
@@ -255,20 +246,19 @@ class BagWriter:
             raise RecordingError(f'the bag {self.path} is closed')
 
     def _save(self) -> None:
-        data = self._spool.take()
         self._chunk_start = None
         try:
-            self._output.append(data)
+            self._output.save()
         except OSError as error:
-            raise self._rescue(data, error) from error
+            raise self._rescue(error) from error
         self._saved = sum(self.counts.values())
 
-    def _rescue(self, data: bytes, cause: OSError) -> RecordingError:
+    def _rescue(self, cause: OSError) -> RecordingError:
         """Close the bag in the reserved space and return the error to raise."""
         stopped = f'recording to {self.path} stopped: {advice(cause)}'
         self._output.release_reserve()
         try:
-            self._output.append(data)
+            self._output.save()
             self._saved = sum(self.counts.values())
             self._finish()
         except OSError:
@@ -290,7 +280,7 @@ class BagWriter:
         try:
             self._mcap.add_metadata('rosbag2', {'serialized_metadata': dump_yaml(content)})
             self._mcap.finish()
-            self._output.append(self._spool.take())
+            self._output.save()
             self._output.sync()
         finally:
             self._output.close()
