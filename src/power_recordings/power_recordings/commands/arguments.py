@@ -5,11 +5,6 @@ from pathlib import Path
 
 from wattwalk_core.command import Arguments, entry_point, own_arguments
 
-_IMPORT_LOGS = """example:
-  ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
-  ros2 run power_recordings import hops.mat --map hops.yaml -o bags/hops
-  ros2 run power_recordings info bags/hops"""
-
 
 def add_doubts(made: ArgumentParser) -> None:
     """Add --slow-meter and --ignore-unit-conflicts, which admit recordings otherwise refused."""
@@ -33,7 +28,10 @@ def add_doubts(made: ArgumentParser) -> None:
     'power_recordings.commands.import_logs:run',
     'Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
     '2 bags) into one recording.',
-    _IMPORT_LOGS,
+    'example:\n'
+    '  ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map\n'
+    '  ros2 run power_recordings import hops.mat --map hops.yaml -o bags/hops\n'
+    '  ros2 run power_recordings info bags/hops',
     name='import',
 )
 def import_logs(parser: ArgumentParser, args: Arguments) -> Namespace:
@@ -58,18 +56,15 @@ def example(parser: ArgumentParser, args: Arguments) -> Namespace:
     return parser.parse_args(own_arguments(args))
 
 
-_INDEX = """example:
-  ros2 run power_recordings index --add bags --robot anymal_c --since 2026-03
-  ros2 run power_recordings index --export tables"""
-
-
 @entry_point(
     'power_recordings.commands.index:run',
     'List the recordings that the index knows. `info` and `power_fleet track` keep in it what '
     'they worked out, so that a second run takes no time; --add reads the cards alone. It is '
     'a cache that may be deleted: a file that WATTWALK_INDEX names, else '
     '~/.cache/wattwalk/recordings.sqlite3.',
-    _INDEX,
+    'example:\n'
+    '  ros2 run power_recordings index --add bags --robot anymal_c --since 2026-03\n'
+    '  ros2 run power_recordings index --export tables',
 )
 def index(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
@@ -89,15 +84,11 @@ def index(parser: ArgumentParser, args: Arguments) -> Namespace:
     return parser.parse_args(own_arguments(args))
 
 
-_INFO = """example:
-  ros2 run power_recordings info bags/walk_small --json info.json"""
-
-
 @entry_point(
     'power_recordings.commands.info:run',
     'Rates, gaps, updates of the electrical signals, units judged by physics, and '
     'coverage of recordings.',
-    _INFO,
+    'example:\n  ros2 run power_recordings info bags/walk_small --json info.json',
 )
 def info(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')

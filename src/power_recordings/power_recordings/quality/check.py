@@ -97,8 +97,7 @@ def check_recording(recording: Recording) -> Quality:
     supply, robot = checker.supply(), checker.robot(drives)
     card = recording.card
     found = (
-        *findings.clock_findings(recording, topics),
-        *findings.loss_findings(lost, topics),
+        *findings.timing_findings(recording, topics, lost),
         *checker.findings,
         *findings.computed_findings(card),
     )
@@ -171,8 +170,7 @@ class _Checker:
     def _motion(self, name: str) -> tuple[Floats, ...]:
         joints = self._joints
         if joints is None or name not in joints.names or len(joints) < _FEWEST:
-            empty = np.zeros(0)
-            return empty, empty, empty, empty
+            return (np.zeros(0),) * 4
         column = joints.names.index(name)
         time = (joints.stamp_ns - joints.stamp_ns[0]) / 1e9
         position, velocity, torque = (

@@ -267,8 +267,10 @@ _RECORD_WITH: Final = (
 )
 
 
-def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[Finding]:
-    """Return findings on gaps, jitter and clock steps of topics; topics: timing by name."""
+def timing_findings(
+    recording: Recording, topics: Mapping[str, Timing], losses: Mapping[str, SampleLoss]
+) -> list[Finding]:
+    """Return findings on gaps, jitter, clock steps and lost samples of topics, by their names."""
     found = []
     gappy = [n for n, t in topics.items() if t.gap_seconds > _GAPS * recording.duration]
     if gappy:
@@ -298,12 +300,6 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
     power = 'drive_supply' if recording.has('drive_supply') else 'supply'
     if recording.has('joint_states') and recording.has(power):
         found += _apart(recording, power)
-    return found
-
-
-def loss_findings(losses: Mapping[str, SampleLoss], topics: Mapping[str, Timing]) -> list[Finding]:
-    """Return a warning for each topic with lost samples; topics: timing by name."""
-    found = []
     for name, loss in losses.items():
         if loss.samples:
             many = f'{loss.samples} of {topics[name].samples + loss.samples} samples'
