@@ -87,24 +87,20 @@ def export(index: RecordingIndex, folder: Path) -> None:
     text, number, whole = pa.string(), pa.float64(), pa.int64()
     kinds = {'start': number, 'seconds': number, 'value': number, 'error': number}
     kinds |= {'size': whole, 'term': whole}
-    tables: list[tuple[Sequence[str], list[tuple[Any, ...]]]] = [
-        (_COLUMNS, index.rows(f'SELECT {", ".join(_COLUMNS)} FROM recordings ORDER BY path'))
-    ]
-    columns = ('path', *_FIGURES)
-    names = ', '.join(f'figures.{name}' for name in _FIGURES)
-    for kind in ('quality', 'fit'):
-        query = (
-            f'SELECT path, {names} FROM figures JOIN recordings ON recording = id '
-            'WHERE kind = ? ORDER BY path, figures.rowid'
-        )
-        tables.append((columns, index.rows(query, (kind,))))
+    of_recordings = f'SELECT {", ".join(_COLUMNS)} FROM recordings ORDER BY path'
+    of_figures = (
+        f'SELECT path, {", ".join(f"figures.{name}" for name in _FIGURES)} FROM figures '
+        'JOIN recordings ON recording = id WHERE kind = ? ORDER BY path, figures.rowid'
+    )
+    tables = (
+        (_COLUMNS, index.rows(of_recordings)),
+        (('path', *_FIGURES), index.rows(of_figures, ('quality',))),
+        (('path', *_FIGURES), index.rows(of_figures, ('fit',))),
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    for file, (names_of, rows) in zip(FILES, tables, strict=True):
-        values = list(zip(*rows, strict=True)) or [()] * len(names_of)
-        arrays = [
-            pa.array(own, kinds.get(name, text))
-            for name, own in zip(names_of, values, strict=True)
-        ]
+    for file, (columns, rows) in zip(FILES, tables, strict=True):
+        schema = pa.schema([(name, kinds.get(name, text)) for name in columns])
+        content = [dict(zip(columns, row, strict=True)) for row in rows]
         sink = pa.BufferOutputStream()
-        parquet.write_table(pa.table(arrays, names=list(names_of)), sink)
+        parquet.write_table(pa.Table.from_pylist(content, schema), sink)
         write_whole(folder / file, sink.getvalue().to_pybytes())

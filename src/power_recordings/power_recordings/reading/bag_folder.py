@@ -10,10 +10,10 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from wattwalk_core.errors import InputError, printable
-from wattwalk_core.files import reason, regular_size
+from wattwalk_core.files import reason
 from wattwalk_core.yaml_file import read_yaml
 
-from power_recordings.messages.batch import Batch, Skip, Topic, joined
+from power_recordings.messages.batch import Batch, MessageFile, Skip, Topic, joined
 from power_recordings.reading.mcap_file import McapFile
 from power_recordings.reading.ros1_file import Ros1File
 
@@ -22,17 +22,14 @@ _LARGEST: Final = 256 << 20  # bytes of a message
 _COMPUTED = re.compile(r'\b(virtual|generated|as)\b', re.IGNORECASE)
 
 
-class SqliteFile:
+class SqliteFile(MessageFile):
     """A .db3 file, opened read-only; views, triggers and generated columns are not evaluated.
 
-    `problems` is complete once `batches` is exhausted. Raises InputError for other files.
+    Raises InputError for other files.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.problems: list[str] = []
-        self.topics: dict[int, Topic] = {}
-        self._size = regular_size(path, 'recording')
+        super().__init__(path)
         try:
             with closing(self._connect()) as database:
                 self._declare(database)

@@ -16,14 +16,12 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError, printable, quoted
-from wattwalk_core.files import regular_size
 
 from power_recordings.messages.batch import (
     LARGEST,
-    RATIO,
-    ROOM,
     Batch,
     Integers,
+    MessageFile,
     Skip,
     Topic,
     windows,
@@ -53,20 +51,16 @@ _MOST_PROBLEMS = 50
 _Found = dict[int, tuple[Integers, Integers, Integers]]
 
 
-class McapFile:
+class McapFile(MessageFile):
     """An MCAP file, read from front to back without its index.
 
-    `problems` is complete once `batches` is exhausted. Raises InputError for a file that is not
-    MCAP, is empty, uses a compression that is not known, or unpacks to far more than it can hold.
+    Raises InputError for a file that is not MCAP, is empty, uses a compression that is not known,
+    or unpacks to far more than it can hold.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.problems: list[str] = []
-        self.topics: dict[int, Topic] = {}
+        super().__init__(path)
         self._schemas: dict[int, tuple[str, str]] = {}  # name and definition
-        self._size = regular_size(path, 'recording')
-        self._room = ROOM + RATIO * self._size
         with path.open('rb') as file:
             start = file.read(len(MAGIC))
         if not start:
@@ -163,12 +157,7 @@ class McapFile:
         except (ValueError, struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:
             self._problem(f': a damaged chunk was left out ({printable(str(error))})')
             return
-        self._room -= len(raw)
-        if self._room < 0:
-            raise InputError(
-                f'{self.path}: its chunks unpack to more than {RATIO} times its size; expected a '
-                'recording'
-            )
+        self._count_unpacked(len(raw))
         yield from self._batches(_Records(raw), indices)
 
     def _batches(self, records: '_Records', indices: Sequence[bytes] = ()) -> Iterator[Batch]:

@@ -8,9 +8,8 @@ from typing import IO, Final
 
 import lz4.frame
 from wattwalk_core.errors import InputError, printable, quoted
-from wattwalk_core.files import regular_size
 
-from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Topic, joined
+from power_recordings.messages.batch import LARGEST, Batch, MessageFile, Topic, joined
 from power_recordings.messages.cdr import full_type
 
 _MAGIC: Final = b'#ROSBAG V2.0\n'
@@ -25,19 +24,14 @@ _DAMAGE = (ValueError, struct.error, KeyError, IndexError, EOFError, OSError, Ru
 Header = dict[bytes, bytes]
 
 
-class Ros1File:
+class Ros1File(MessageFile):
     """A ROS 1 bag, read from front to back without its index.
 
-    `problems` is complete once `batches` is exhausted. Raises InputError for a file that is not
-    one, or unpacks to far more than it can hold.
+    Raises InputError for a file that is not one, or unpacks to far more than it can hold.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.problems: list[str] = []
-        self.topics: dict[int, Topic] = {}
-        self._size = regular_size(path, 'recording')
-        self._room = ROOM + RATIO * self._size
+        super().__init__(path)
         with path.open('rb') as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 raise InputError(f'{path}: not a bag: it does not begin with #ROSBAG V2.0')
@@ -101,12 +95,7 @@ class Ros1File:
             raise ValueError(f'chunks are compressed by {quoted(compression)}')
         if len(data) != size:
             raise ValueError(f'a chunk of {len(data)} bytes instead of {size}')
-        self._room -= size
-        if self._room < 0:
-            raise InputError(
-                f'{self.path}: its chunks unpack to more than {RATIO} times its size; expected a '
-                'recording'
-            )
+        self._count_unpacked(size)
         return data
 
     def _messages(self, chunk: bytes) -> Iterator[Batch]:
