@@ -98,5 +98,4 @@ def read_channels(path: Path) -> tuple[dict[str, object], dict[str, ChannelCorre
     channels = content.get('channels') if isinstance(content, dict) else None
     if not isinstance(channels, dict):
         raise InputError(f"calibration {path}: 'channels' with gains and offsets is missing")
-    where = f'calibration {path}: channels'
-    return channels, parse(dict[str, ChannelCorrection], channels, where)
+    return channels, parse(dict[str, ChannelCorrection], channels, f'calibration {path}: channels')

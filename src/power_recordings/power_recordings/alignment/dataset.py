@@ -104,8 +104,7 @@ class AlignedDataset:
 
     def measured_drives(self) -> tuple[str, ...]:
         """Return the names of drives with a finite power in at least one sample."""
-        measured = np.flatnonzero(np.isfinite(self.power).any(axis=0))
-        return tuple(self.names[i] for i in measured)
+        return tuple(self.names[i] for i in np.flatnonzero(np.isfinite(self.power).any(axis=0)))
 
     def segments(self) -> Iterator[slice]:
         """Yield each segment, in order, as a slice of the T samples."""

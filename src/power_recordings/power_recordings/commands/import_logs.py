@@ -40,8 +40,7 @@ def run(options: argparse.Namespace) -> None:
     if options.output is None:
         raise InputError('-o is missing: give the folder of the recording, such as -o bags/first')
     mapping = load_map(options.map)
-    sources = [open_source(log, options.msgs) for log in options.logs]
-    _import(sources, mapping, options)
+    _import([open_source(log, options.msgs) for log in options.logs], mapping, options)
 
 
 def _import(sources: Sequence[LogSource], mapping: ImportMap, options: argparse.Namespace) -> None:
@@ -100,8 +99,7 @@ def _list(source: LogSource, others: Sequence[LogSource]) -> None:
         lines.append(f'# {printable(str(other.path))}: {same}')
     lines += [f'# rows, min, max, changes: {part}'] if (part := extent(listed)) else []
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
-    timed = any(item.rate > 0 for item in listed)
-    rates = '    rate' if timed else ''
+    rates = '    rate' if any(item.rate > 0 for item in listed) else ''
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes{rates}')
     for item in listed:
         rate = f' {item.rate:6.4g} Hz' if item.rate > 0 else ''

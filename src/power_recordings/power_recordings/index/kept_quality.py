@@ -35,8 +35,7 @@ class Checked:
     @classmethod
     def of(cls, recording: Recording) -> 'Checked':
         """Check a recording; InputError where a topic is there but cannot be read."""
-        quality = check_recording(recording)
-        return cls(recording.path, recording.card, recording.problems, quality)
+        return cls(recording.path, recording.card, recording.problems, check_recording(recording))
 
 
 def checked(path: Path, index: RecordingIndex) -> Checked:

@@ -67,8 +67,7 @@ class DriveSamples(Samples):
     @property
     def lost(self) -> int:
         """Number of samples missing by their sequence numbers."""
-        steps = np.diff(self.sequence.astype(np.int64))
-        return int((steps - 1).clip(min=0).sum())
+        return int((np.diff(self.sequence.astype(np.int64)) - 1).clip(min=0).sum())
 
 
 UNKNOWN_VOLTAGE: Final = 1.0

@@ -37,8 +37,7 @@ def _by_name(kind: Callable[..., Samples], *fields: str) -> Kind:
 
     def build(columns: Columns) -> Samples:
         names = columns.names()
-        values = (columns.by_name(path, names) for path in fields)
-        return kind(columns.stamps(), names, *values)
+        return kind(columns.stamps(), names, *(columns.by_name(path, names) for path in fields))
 
     return Kind(cdr.JOINT_STATE, fields, build)
 

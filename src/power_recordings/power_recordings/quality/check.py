@@ -289,8 +289,7 @@ class _Checker:
             worked = float(np.nansum(np.nanmean(joints.effort * joints.velocity, axis=0)))
         if mean < 0 and worked > _GENERATES * mean:
             text = f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current'
-            mend = self._card.turned_meter('')
-            self._find('supply_sign', 'error', '', text, mend)
+            self._find('supply_sign', 'error', '', text, self._card.turned_meter(''))
         signals = {'power': supply.power, 'voltage': supply.voltage, 'current': -supply.current}
         if (supply.voltage == UNKNOWN_VOLTAGE).all():
             signals = {'power': supply.power}

@@ -52,8 +52,7 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
     rate = (position[2 * span :] - position[: -2 * span]) / np.maximum(step, 1e-9)
     kernel = np.ones(2 * span + 1)
     kernel[[0, -1]] = 0.5
-    mean = np.convolve(velocity, kernel / kernel.sum(), 'valid')
-    return _slope(rate[whole], mean[whole])
+    return _slope(rate[whole], np.convolve(velocity, kernel / kernel.sum(), 'valid')[whole])
 
 
 def rate_of(time: Floats, torque: Floats) -> Floats:

@@ -21,8 +21,7 @@ def longest_step(steps: Floats) -> float:
     """
     if not len(steps):
         return np.inf
-    judged = steps[:_JUDGED]
-    low, middle, high = np.percentile(judged, [10, 50, 90]).tolist()
+    low, middle, high = np.percentile(steps[:_JUDGED], [10, 50, 90]).tolist()
     limit = GAP * float(np.median(steps))
     return max(limit, _RESOLVED) if high > _UNEVEN * low and middle < _RESOLVED else limit
 
@@ -43,8 +42,7 @@ def ascending(stamps: Stamps) -> Bools:
     odd = (steps < 0) | (steps > _JUMP * np.median(np.abs(steps)))
     edges = np.concatenate([[0], np.flatnonzero(odd) + 1, [len(times)]])
     if len(edges) > _MOST_RUNS:
-        latest = np.maximum.accumulate(times)
-        keep[kept[1:]] = times[1:] > latest[:-1]
+        keep[kept[1:]] = times[1:] > np.maximum.accumulate(times)[:-1]
         return keep
     keep[:] = False
     for start, stop in _chain(times, edges):

@@ -264,8 +264,7 @@ def _counted(
     sound: Sound, settings: Settings, alignment: Alignment | None, events: Events | None
 ) -> tuple[Bools, str]:
     time = sound.time
-    settled = SETTLED * TIMES[settings.time]
-    counted = time >= settled
+    counted = time >= SETTLED * TIMES[settings.time]
     if settings.start is not None or settings.stop is not None:
         start = settings.start or 0.0
         stop = np.inf if settings.stop is None else settings.stop
