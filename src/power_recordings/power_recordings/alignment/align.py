@@ -85,15 +85,27 @@ def align(
     source = RecordedSignals(recording.whole(), drives, need_power)
     if recording.card.steady:
         return operating_points(source, rate)
-    segments = _Segments(source, rate, smooth)
-    pieces = [piece for piece in map(segments.piece, segments.spans()) if piece is not None]
-    if not pieces:
+    taps, every = smoothing(GRID) if smooth else antialias(GRID, rate), round(GRID / rate)
+    grids = [_grid(source.joints, *span) for span in _spans(source)]
+    long = [grid for grid in grids if len(grid) >= len(taps) + every]
+    electrics = source.electrics
+    lost = 0.0 if electrics is None else 2 * electrics.half(GRID) * electrics.period
+    shortest = lost + (len(taps) + every) / GRID  # s
+    if not long:
         raise InputError(
             f'{recording.path}: nothing is left of {recording.duration:.2f} s: no stretch without '
-            f'gaps is longer than the {segments.shortest:.2f} s that the filters need'
+            f'gaps is longer than the {shortest:.2f} s that the filters need'
             + ''.join(f'; {note}' for note in source.notes)
         )
-    return _dataset(source, rate, pieces, segments.notes(pieces))
+    pieces = [_piece(source, grid, taps, every, hold=not smooth) for grid in long]
+    whole = float(source.joints.time[-1] - source.joints.time[0])
+    kept = sum(float(np.ptp(piece['time'])) for piece in pieces)
+    notes = [*source.notes]
+    if short := len(grids) - len(long):
+        notes.append(f'{short} stretches under {shortest:.2f} s left out')
+    if len(pieces) > 1 or whole - kept > 1.0:
+        notes.append(f'{kept:.2f} s of {whole:.2f} s kept, in {len(pieces)} segments')
+    return _dataset(source, rate, pieces, notes)
 
 
 def load_aligned(
@@ -200,64 +212,30 @@ _PARTS = (*DRIVE_SIGNALS, 'supply')
 _Piece = Mapping[str, NDArray[Any]]  # signals of a segment, and `time` in s after the start
 
 
-class _Segments:
-    """The segments of the signals of a recording on the grid."""
+def _spans(source: RecordedSignals) -> list[tuple[float, float]]:
+    """Return start and end [s] of the intervals in which all needed signals are known."""
+    found = source.joints.spans(GRID)
+    if source.electrics is not None:
+        found = _common(found, source.electrics.spans(GRID))
+    begin = -np.inf if source.commands is None else float(source.commands[0][0])
+    return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
 
-    def __init__(self, source: RecordedSignals, rate: float, smooth: bool) -> None:
-        self._source = source
-        self._every = round(GRID / rate)
-        self._taps = smoothing(GRID) if smooth else antialias(GRID, rate)
-        self._smooth = smooth
-        self._short = 0
 
-    @property
-    def shortest(self) -> float:
-        """Least length of a segment, s."""
-        electrics = self._source.electrics
-        lost = 2 * electrics.half(GRID) * electrics.period if electrics is not None else 0.0
-        return lost + (len(self._taps) + self._every) / GRID
-
-    def spans(self) -> list[tuple[float, float]]:
-        """Return start and end [s] of the intervals in which all needed signals are known."""
-        source = self._source
-        found = source.joints.spans(GRID)
-        if source.electrics is not None:
-            found = _common(found, source.electrics.spans(GRID))
-        begin = -np.inf if source.commands is None else float(source.commands[0][0])
-        return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
-
-    def piece(self, span: tuple[float, float]) -> _Piece | None:
-        """Return the segment of an interval; None if it is too short for the filters."""
-        grid = _grid(self._source.joints, *span)
-        half = len(self._taps) // 2
-        if len(grid) < len(self._taps) + self._every:
-            self._short += 1
-            return None
-        inner = slice(half, len(grid) - half, self._every)
-        result: dict[str, NDArray[Any]] = {'time': grid[inner]}
-        if self._source.cmd_vel is not None:
-            result['cmd_vel'] = held(*self._source.cmd_vel, grid)[inner]
-        for name, values in self._source.sample(grid).items():
-            if name == 'command' and not self._smooth:
-                result[name] = values[inner]
-            else:
-                result[name] = centred(values, self._taps)[:: self._every]
-        if 'orientation' in result:
-            norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
-            result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
-        return result
-
-    def notes(self, pieces: Sequence[_Piece]) -> list[str]:
-        """Return notes on what was left out."""
-        joints = self._source.joints.time
-        whole = float(joints[-1] - joints[0])
-        kept = sum(float(np.ptp(piece['time'])) for piece in pieces)
-        notes = list(self._source.notes)
-        if self._short:
-            notes.append(f'{self._short} stretches under {self.shortest:.2f} s left out')
-        if len(pieces) > 1 or whole - kept > 1.0:
-            notes.append(f'{kept:.2f} s of {whole:.2f} s kept, in {len(pieces)} segments')
-        return notes
+def _piece(
+    source: RecordedSignals, grid: Floats, taps: Floats, every: int, hold: bool
+) -> dict[str, NDArray[Any]]:
+    """Return a segment: every n-th sample of the filtered signals; `hold`: but for the command."""
+    inner = slice(len(taps) // 2, len(grid) - len(taps) // 2, every)
+    result: dict[str, NDArray[Any]] = {'time': grid[inner]}
+    if source.cmd_vel is not None:
+        result['cmd_vel'] = held(*source.cmd_vel, grid)[inner]
+    for name, values in source.sample(grid).items():
+        is_held = name == 'command' and hold
+        result[name] = values[inner] if is_held else centred(values, taps)[::every]
+    if 'orientation' in result:
+        norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
+        result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
+    return result
 
 
 def _grid(joints: Stream, start: float, end: float) -> Floats:
