@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from wattwalk_core.arrays import Floats, Singles, Stamps
@@ -120,10 +121,8 @@ class _Checker:
             self._electric = recording.drive_supply()
         elif not recording.has('supply'):
             self._find('no_power', 'error', '', 'neither drive_supply nor supply: no power')
-        names = self._joints.names if self._joints is not None else ()
-        if self._electric is not None:
-            names = tuple(dict.fromkeys([*names, *self._electric.names]))
-        self.names = names
+        named = [part.names for part in (self._joints, self._electric) if part is not None]
+        self.names = tuple(dict.fromkeys(chain(*named)))
 
     def _find(self, code: str, severity: Severity, drive: str, text: str, mend: str = '') -> None:
         self.findings.append(Finding(code, severity, drive, text, mend))
