@@ -8,14 +8,8 @@ from wattwalk_core.files import code_fingerprint
 from wattwalk_core.schema import parse
 
 from power_recordings.card import Card
-from power_recordings.index.store import (
-    DriveFigure,
-    IndexAnswer,
-    RecordingFacts,
-    RecordingIndex,
-    Stamp,
-    card_content,
-)
+from power_recordings.index import store
+from power_recordings.index.store import RecordingIndex, Stamp
 from power_recordings.quality.check import Quality, check_recording
 from power_recordings.reading.reader import Recording
 
@@ -49,17 +43,16 @@ def checked(path: Path, index: RecordingIndex) -> Checked:
     recording = Recording.open(path)
     found = Checked.of(recording)
     content = {
-        'card': card_content(found.card),
+        'card': store.card_content(found.card),
         'problems': found.problems,
         'quality': asdict(found.quality),
     }
     figures = [
-        DriveFigure(drive, name, float(getattr(own, name)), unit)
+        store.DriveFigure(drive, name, float(getattr(own, name)), unit)
         for drive, own in found.quality.drives.items()
         for name, unit in _UNITS.items()
     ]
-    about = RecordingFacts(found.card, recording.start_ns / 1e9, recording.duration)
-    index.keep(
-        stamp, about, IndexAnswer(KIND, key, json.dumps(content, default=str).encode(), figures)
-    )
+    about = store.RecordingFacts(found.card, recording.start_ns / 1e9, recording.duration)
+    text = json.dumps(content, default=str).encode()
+    index.keep(stamp, about, store.IndexAnswer(KIND, key, text, figures))
     return found

@@ -9,15 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from rosbags import typesys
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-)
 from rosbags.typesys.store import Typestore
 from wattwalk_core.arrays import Floats, Stamps
 from wattwalk_core.errors import InputError
@@ -65,9 +59,9 @@ def definitions() -> Path:
 @cache
 def typestore() -> Typestore:
     """Return the message types of ROS 2 Jazzy and of drive_power_msgs."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     for file in sorted(definitions().glob('*.msg')):
-        store.register(get_types_from_msg(file.read_text(), f'{_PACKAGE}/msg/{file.stem}'))
+        store.register(typesys.get_types_from_msg(file.read_text(), f'{_PACKAGE}/msg/{file.stem}'))
     return store
 
 
@@ -330,9 +324,9 @@ def own_fields(text: str, type_name: str) -> Fields:
     try:
         if text.startswith(f'{_SEPARATOR}IDL: '):
             parts = [part.split('\n', 1)[-1] for part in text.split(_SEPARATOR)[1:]]
-            return {k: v for part in parts for k, v in get_types_from_idl(part).items()}
-        return dict(get_types_from_msg(text, type_name))
-    except (TypesysError, KeyError, RecursionError) as error:
+            return {k: v for part in parts for k, v in typesys.get_types_from_idl(part).items()}
+        return dict(typesys.get_types_from_msg(text, type_name))
+    except (typesys.TypesysError, KeyError, RecursionError) as error:
         raise ValueError(str(error)) from None
 
 

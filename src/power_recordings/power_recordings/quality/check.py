@@ -8,12 +8,7 @@ import numpy as np
 from wattwalk_core.arrays import Floats, Singles, Stamps
 
 from power_recordings.alignment.positions import stands_still
-from power_recordings.messages.samples import (
-    UNKNOWN_VOLTAGE,
-    DriveSamples,
-    JointSamples,
-    SupplySamples,
-)
+from power_recordings.messages.samples import UNKNOWN_VOLTAGE, SupplySamples
 from power_recordings.quality import findings, physics, streams
 from power_recordings.quality.findings import Finding, Severity
 from power_recordings.quality.streams import LEAST_UPDATES, SampleLoss, Timing
@@ -111,15 +106,11 @@ class _Checker:
     def __init__(self, recording: Recording) -> None:
         self._recording, self._card = recording, recording.card
         self.findings: list[Finding] = []
-        self._joints: JointSamples | None = None
-        self._electric: DriveSamples | None = None
-        if recording.has('joint_states'):
-            self._joints = recording.joint_states()
-        else:
+        self._joints = recording.joint_states() if recording.has('joint_states') else None
+        self._electric = recording.drive_supply() if recording.has('drive_supply') else None
+        if self._joints is None:
             self._find('no_joints', 'error', '', 'no joint_states: nothing says how drives moved')
-        if recording.has('drive_supply'):
-            self._electric = recording.drive_supply()
-        elif not recording.has('supply'):
+        if self._electric is None and not recording.has('supply'):
             self._find('no_power', 'error', '', 'neither drive_supply nor supply: no power')
         named = [part.names for part in (self._joints, self._electric) if part is not None]
         self.names = tuple(dict.fromkeys(chain(*named)))

@@ -8,15 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.card import Card
-from power_recordings.quality.causes import (
-    OF_METER,
-    OF_POWER,
-    OF_TORQUE,
-    OF_VELOCITY,
-    TOLERANCE,
-    Cause,
-    cause_of,
-)
+from power_recordings.quality import causes
+from power_recordings.quality.causes import Cause, cause_of
 from power_recordings.quality.physics import DriveSlopes, ShaftBalance
 from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
@@ -66,7 +59,7 @@ _SCALES: Final = (np.sqrt(_RPM), np.sqrt(60 * _RPM))
 def velocity_finding(drive: str, slope: float, card: Card) -> Finding:
     """Return the error, with a likely cause, that velocity is `slope` × rate of position."""
     text = f'velocity is {slope:.3g} times the rate of the position'
-    cause = cause_of(abs(slope), OF_VELOCITY, card, drive)
+    cause = cause_of(abs(slope), causes.OF_VELOCITY, card, drive)
     mend = cause.mend
     if slope < 0:
         text += ': its sign is wrong' + (f', and {cause}' if cause else '')
@@ -89,7 +82,7 @@ def power_finding(
         return None
     slope, margin = balance.slope, 2 * balance.error
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
-    meaning = cause_of(slope, OF_POWER[card.metered(drive)], card, drive)
+    meaning = cause_of(slope, causes.OF_POWER[card.metered(drive)], card, drive)
     meaning = meaning.with_position(card, drive) if agree else meaning
     mend = meaning.mend
     if mend and not drive and {'current', 'power'} & set(meaning.units):
@@ -135,7 +128,7 @@ def power_finding(
             f'metered, which grow by {slope:.2g} W with each W of it: another unit of torque or '
             'speed (N·cm, mN·m?), or a spring that works beside the motor?'
         )
-        mend = '' if meaning.others else cause_of(slope, OF_TORQUE, card, drive).mend
+        mend = '' if meaning.others else cause_of(slope, causes.OF_TORQUE, card, drive).mend
         return Finding('power_slope', 'warning', drive, text, mend)
     beyond = slope > _BEYOND and abs(balance.rubbed / slope - 1) < _RUBBED
     decided |= bool(meaning) and told and balance.share > _HINTED and beyond
@@ -161,7 +154,7 @@ def power_finding(
 def _of_meter(drive: str, balance: ShaftBalance, card: Card) -> str:
     """Return what may be wrong where power does not follow torque × speed: its size alone."""
     ratio = balance.power / balance.shaft
-    cause = cause_of(ratio, OF_METER[card.metered(drive)], card, drive)
+    cause = cause_of(ratio, causes.OF_METER[card.metered(drive)], card, drive)
     return (f'{cause}, or ' if cause else '') + 'units of torque and speed'
 
 
@@ -182,7 +175,7 @@ def drive_findings(names: Sequence[str], found: DriveSlopes, card: Card) -> list
     if not found.losses > 0:
         return result
     for drive, slope in zip(names, found.slopes, strict=True):
-        cause = cause_of(slope, OF_TORQUE, card, drive)
+        cause = cause_of(slope, causes.OF_TORQUE, card, drive)
         meaning, mend = str(cause), cause.mend
         if slope < -_SCALES[0]:
             meaning, mend = 'a sign is wrong', card.scaled(drive, 'torque', -1)
@@ -215,7 +208,7 @@ def _gear_finding(
         )
         return Finding('power_units', 'error', drive, text, card.scaled(drive, 'torque', ratio))
     # Units that make the slope come before a gear ratio that only losses bring near it.
-    near = not meaning or abs(np.log(slope * ratio)) < np.log(1 + TOLERANCE)
+    near = not meaning or abs(np.log(slope * ratio)) < np.log(1 + causes.TOLERANCE)
     if (agree or not meaning) and near and _USUAL[0] < slope * ratio < _USUAL[1]:
         cause, mend = 'torque of the joint and speed of the motor?', 'velocity: {at: motor}'
         if agree:

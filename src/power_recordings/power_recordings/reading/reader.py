@@ -1,6 +1,7 @@
 """Recordings in memory: reading of bags, checks and order of stamps."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,21 +13,10 @@ from wattwalk_core.arrays import Stamps
 from wattwalk_core.errors import InputError, printable
 
 from power_recordings.card import FILE, Card
+from power_recordings.messages import samples as arrays
 from power_recordings.messages.batch import Batch, Topic
 from power_recordings.messages.cdr import definition, full_name, own_fields, typestore
-from power_recordings.messages.samples import (
-    CmdVelSamples,
-    DriveSamples,
-    EstimateSamples,
-    FootForceSamples,
-    ImuSamples,
-    JointSamples,
-    MotorCurrentSamples,
-    MotorTemperatureSamples,
-    OdomSamples,
-    Samples,
-    SupplySamples,
-)
+from power_recordings.messages.samples import Samples
 from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading import bag_folder
@@ -91,13 +81,13 @@ class Recording:
         topics: dict[str, Topic] = {}
         for batch in bag.batches(problems, topics, every=every):
             loader.add(batch)
-            if most_messages is not None and loader.total >= most_messages:
+            if most_messages is not None and loader.counts.total() >= most_messages:
                 break
         if not loader.counts:
             raise InputError(
                 f'{path} holds no messages' + (f': {"; ".join(problems)}' if problems else '')
             )
-        missing = (bag.promised or 0) - loader.total
+        missing = (bag.promised or 0) - loader.counts.total()
         if missing > 0 and most_messages is None and every == 1:
             problems.append(f'{missing} of {bag.promised} messages are missing')
         samples, breaks = loader.samples(problems)
@@ -105,7 +95,7 @@ class Recording:
             path=path,
             folder=bag.folder,
             topics={
-                name: TopicInfo(topic.type_name, loader.counts.get(name, 0))
+                name: TopicInfo(topic.type_name, loader.counts[name])
                 for name, topic in sorted(topics.items())
             },
             start_ns=loader.start_ns,
@@ -201,17 +191,17 @@ class Recording:
         """Return stamps, ns [B], of a topic's samples directly after samples that were dropped."""
         return self._breaks[name]
 
-    drive_supply = _topic('drive_supply', DriveSamples)  # voltage and current of the drives
-    joint_states = _topic('joint_states', JointSamples)  # position, velocity and torque
-    joint_commands = _topic('joint_commands', JointSamples)  # the same, as commanded
-    motor_current = _topic('motor_current', MotorCurrentSamples)  # torque-producing
-    motor_temperature = _topic('motor_temperature', MotorTemperatureSamples)  # of windings
-    supply = _topic('supply', SupplySamples)  # voltage and current of the whole robot
-    power_estimate = _topic('power_estimate', EstimateSamples)  # as published
-    foot_force = _topic('foot_force', FootForceSamples)  # normal forces of the feet
-    imu = _topic('imu', ImuSamples)
-    odom = _topic('odom', OdomSamples)
-    cmd_vel = _topic('cmd_vel', CmdVelSamples)  # velocity commands
+    drive_supply = _topic('drive_supply', arrays.DriveSamples)  # voltage and current of the drives
+    joint_states = _topic('joint_states', arrays.JointSamples)  # position, velocity and torque
+    joint_commands = _topic('joint_commands', arrays.JointSamples)  # the same, as commanded
+    motor_current = _topic('motor_current', arrays.MotorCurrentSamples)  # torque-producing
+    motor_temperature = _topic('motor_temperature', arrays.MotorTemperatureSamples)  # of windings
+    supply = _topic('supply', arrays.SupplySamples)  # voltage and current of the whole robot
+    power_estimate = _topic('power_estimate', arrays.EstimateSamples)  # as published
+    foot_force = _topic('foot_force', arrays.FootForceSamples)  # normal forces of the feet
+    imu = _topic('imu', arrays.ImuSamples)
+    odom = _topic('odom', arrays.OdomSamples)
+    cmd_vel = _topic('cmd_vel', arrays.CmdVelSamples)  # velocity commands
 
     def _get(self, name: str) -> Samples:
         if name in self._errors:
@@ -240,20 +230,16 @@ class _Loader:
         self._path = path
         self._columns: dict[str, Columns | None] = {}
         self._found: dict[str, str] = {}
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         self.errors: dict[str, InputError] = {}
         self.start_ns = 2**63 - 1
         self.end_ns = 0
-
-    @property
-    def total(self) -> int:
-        return sum(self.counts.values())
 
     def add(self, batch: Batch) -> None:
         name = batch.topic.name
         if name not in self._columns:
             self._columns[name] = self._declare(batch.topic)
-        self.counts[name] = self.counts.get(name, 0) + len(batch.offsets)
+        self.counts[name] += len(batch.offsets)
         self.start_ns = min(self.start_ns, int(batch.log_times.min()))
         self.end_ns = max(self.end_ns, int(batch.log_times.max()))
         columns = self._columns[name]

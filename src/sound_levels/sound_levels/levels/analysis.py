@@ -9,18 +9,12 @@ from power_recordings.reading.reader import Recording
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 
+from sound_levels.levels import statistics
 from sound_levels.levels.alignment import Alignment, Events, align_sound, events_of
 from sound_levels.levels.meter import SETTLED, Sound, measure, reach
 from sound_levels.levels.settings import TIMES, Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
-from sound_levels.levels.statistics import (
-    Difference,
-    Levels,
-    Stretch,
-    decibels,
-    differences,
-    levels,
-)
+from sound_levels.levels.statistics import Difference, Levels, Stretch, decibels
 
 _WINDOW = 0.5  # s
 _LONGEST = 120.0  # s, searched for a tone
@@ -167,7 +161,7 @@ class Analysis:
 
     def levels(self, takes: Sequence[Take]) -> Levels:
         """Return the level statistics of several takes together, in `unit`."""
-        return levels([take.stretch for take in takes], self.shift)
+        return statistics.levels([take.stretch for take in takes], self.shift)
 
     def bands(self, policy: str) -> dict[float, float]:
         """Return the unweighted third-octave levels in the unit, by frequency in Hz."""
@@ -183,7 +177,10 @@ class Analysis:
         """Return `statistics.differences` of each other policy from the first, by its name."""
         first, *others = self.policies
         base = [take.stretch for take in self.of(first)]
-        return {name: differences(base, [t.stretch for t in self.of(name)]) for name in others}
+        return {
+            name: statistics.differences(base, [take.stretch for take in self.of(name)])
+            for name in others
+        }
 
 
 def analyse(
