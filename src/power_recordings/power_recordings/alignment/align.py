@@ -253,17 +253,10 @@ def _grid(joints: Stream, start: float, end: float) -> Floats:
 
 def _common(a: Floats, b: Floats) -> Floats:
     """Return the overlaps of two ascending lists of intervals [R, 2]."""
-    found = []
-    i = j = 0
-    while i < len(a) and j < len(b):
-        start, end = max(a[i, 0], b[j, 0]), min(a[i, 1], b[j, 1])
-        if start < end:
-            found.append((start, end))
-        if a[i, 1] < b[j, 1]:
-            i += 1
-        else:
-            j += 1
-    return np.array(found, np.float64).reshape(-1, 2)
+    edges = np.unique(np.concatenate([a, b], axis=None))
+    middle = (edges[1:] + edges[:-1]) / 2
+    inside = [np.searchsorted(x[:, 0], middle) > np.searchsorted(x[:, 1], middle) for x in (a, b)]
+    return np.stack([edges[:-1], edges[1:]], axis=1)[inside[0] & inside[1]]
 
 
 def _dataset(

@@ -142,10 +142,11 @@ class RecordingIndex:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = path.with_name(path.name + '.lock').open('a')
             fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except OSError as error:
-            self._end(f'the index {path} cannot be used: {advice(error)}')
-            return
-        self._guarded(self._connect, None)
+            self._database = _connected(path)
+        except (OSError, sqlite3.OperationalError) as error:
+            told = advice(error) if isinstance(error, OSError) else error
+            self._end(f'the index {path} cannot be used: {told}')
+        self._asked(_prepare, None)
 
     def __enter__(self) -> Self:
         return self
@@ -193,42 +194,26 @@ class RecordingIndex:
         return len(lost)
 
     def _asked(self, ask: Callable[[sqlite3.Connection], T], nothing: T) -> T:
-        def asked() -> T:
-            return nothing if self._database is None else ask(self._database)
-
-        return self._guarded(asked, nothing)
-
-    def _guarded(self, act: Callable[[], T], nothing: T) -> T:
-        """Act; begin a torn file anew, and go on without one that cannot be used."""
+        """Ask the file; begin a torn one anew, and go on without one that cannot be used."""
         try:
-            return act()
+            return nothing if self._database is None else ask(self._database)
         except sqlite3.OperationalError as error:
             self._end(f'the index {self.path} cannot be used: {error}')
         except sqlite3.DatabaseError as error:
             self._renew(str(error))
         return nothing
 
-    def _connect(self) -> None:
-        assert self.path is not None
-        database = sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level='IMMEDIATE')
-        self._database = database
-        # A power cut may tear the file, which is seen and costs no more than to begin anew.
-        database.execute('PRAGMA synchronous = OFF')
-        database.execute(f'PRAGMA page_size = {_PAGE}')  # of a file that is made now
-        database.execute('PRAGMA foreign_keys = ON')
-        if _version(database) != VERSION:
-            _create(database)
-
     def _renew(self, why: str) -> None:
         """Delete a torn file and begin anew, unless another process has it open."""
         assert self.path is not None
+        assert self._lock is not None
         self._close()
         try:
-            assert self._lock is not None
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for end in ('', '-journal', '-wal', '-shm'):
                 self.path.with_name(self.path.name + end).unlink(missing_ok=True)
-            self._connect()
+            self._database = _connected(self.path)
+            _prepare(self._database)
             fcntl.flock(self._lock, fcntl.LOCK_SH)
         except (OSError, sqlite3.Error) as error:
             self._end(f'the index {self.path} is torn ({why}) and cannot be renewed: {error}')
@@ -247,12 +232,22 @@ class RecordingIndex:
             self._lock = None
 
 
+def _connected(path: Path) -> sqlite3.Connection:
+    return sqlite3.connect(path, timeout=_PATIENCE, isolation_level='IMMEDIATE')
+
+
 def _version(database: sqlite3.Connection) -> int:
     return int(database.execute('PRAGMA user_version').fetchone()[0])
 
 
-def _create(database: sqlite3.Connection) -> None:
-    """Make the tables, in place of those of another version."""
+def _prepare(database: sqlite3.Connection) -> None:
+    """Set up a connection, and make the tables in a new file or in place of another version's."""
+    # A power cut may tear the file, which is seen and costs no more than to begin anew.
+    database.execute('PRAGMA synchronous = OFF')
+    database.execute(f'PRAGMA page_size = {_PAGE}')  # of a file that is made now
+    database.execute('PRAGMA foreign_keys = ON')
+    if _version(database) == VERSION:
+        return
     with database:
         database.execute('BEGIN EXCLUSIVE')
         if _version(database) == VERSION:
