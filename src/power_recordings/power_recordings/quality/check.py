@@ -108,9 +108,11 @@ class _Checker:
         self.findings: list[Finding] = []
         self._joints = recording.joint_states() if recording.has('joint_states') else None
         self._electric = recording.drive_supply() if recording.has('drive_supply') else None
+        supply = recording.supply() if recording.has('supply') else None
+        self._supply = supply if supply is not None and len(supply) >= _FEWEST else None
         if self._joints is None:
             self._find('no_joints', 'error', '', 'no joint_states: nothing says how drives moved')
-        if self._electric is None and not recording.has('supply'):
+        if self._electric is None and supply is None:
             self._find('no_power', 'error', '', 'neither drive_supply nor supply: no power')
         named = [part.names for part in (self._joints, self._electric) if part is not None]
         self.names = tuple(dict.fromkeys(chain(*named)))
@@ -269,10 +271,7 @@ class _Checker:
 
     def supply(self) -> SupplyQuality | None:
         """Check the supply of the whole robot, and set it against the drives."""
-        if not self._recording.has('supply'):
-            return None
-        supply = self._recording.supply()
-        if len(supply) < _FEWEST:
+        if (supply := self._supply) is None:
             return None
         mean, worked = float(np.nanmean(supply.power)), 0.0
         if (joints := self._joints) is not None:
@@ -295,12 +294,10 @@ class _Checker:
 
         Puts the slopes of `drives` that are sure into their figures.
         """
-        joints = self._joints
-        if self._electric is not None or joints is None or not self._recording.has('supply'):
+        joints, supply = self._joints, self._supply
+        if self._electric is not None or joints is None or supply is None:
             return None
-        supply = self._recording.supply()
-        units = self._card.torque_unit
-        if min(len(supply), len(joints)) < _FEWEST or 'A' in units.values():
+        if len(joints) < _FEWEST or 'A' in self._card.torque_unit.values():
             return None
         power = streams.values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
