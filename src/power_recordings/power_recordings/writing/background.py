@@ -16,14 +16,14 @@ _PERIOD = 0.05  # s
 _FLUSH_PERIOD = 0.5  # s
 
 
+@dataclass
 class SequenceCheck:
     """Counts samples, lost samples and gaps (`places`) of DriveSupply by sequence number."""
 
-    def __init__(self) -> None:
-        self.samples = 0
-        self.lost = 0
-        self.places = 0
-        self._expected: int | None = None
+    samples: int = 0
+    lost: int = 0
+    places: int = 0
+    _expected: int | None = None
 
     def feed(self, cdr: bytes) -> None:
         """Count the samples of a message (CDR bytes), and those lost before it.
