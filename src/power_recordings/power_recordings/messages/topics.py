@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from wattwalk_core.arrays import Singles, Stamps
 from wattwalk_core.errors import InputError
 
 from power_recordings.messages import cdr, samples
@@ -68,9 +69,8 @@ def _supply(columns: Columns) -> Samples:
     return samples.SupplySamples(columns.stamps(), *values)
 
 
-def _cmd_vel(columns: Columns) -> Samples:
-    velocity = np.stack([columns.scalars(path) for path in _TWIST], axis=1)
-    return samples.CmdVelSamples(columns.stamps(), velocity)
+def _cmd_vel(stamp_ns: Stamps, linear: Singles, angular: Singles) -> Samples:
+    return samples.CmdVelSamples(stamp_ns, np.hstack([linear, angular]))
 
 
 def _estimates(columns: Columns) -> EstimateSamples:
@@ -86,7 +86,6 @@ def _estimates(columns: Columns) -> EstimateSamples:
 
 
 _DRIVES = ('sequence', 'device_time', 'voltage', 'current', 'temperature', 'status')
-_TWIST = cdr.vector_paths(cdr.TWIST_STAMPED)
 _JOINTS = _by_name(samples.JointSamples, 'position', 'velocity', 'effort')
 
 KINDS: Mapping[str, Kind] = {
@@ -97,7 +96,7 @@ KINDS: Mapping[str, Kind] = {
     'power_estimate': Kind(cdr.POWER_ESTIMATE, ('power', 'total', 'status'), _estimates),
     'imu': _vectors(cdr.IMU, samples.ImuSamples),
     'odom': _vectors(cdr.ODOMETRY, samples.OdomSamples),
-    'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
+    'cmd_vel': _vectors(cdr.TWIST_STAMPED, _cmd_vel),
     'motor_current': _by_name(samples.MotorCurrentSamples, 'effort'),
     'motor_temperature': _by_name(samples.MotorTemperatureSamples, 'effort'),
     'foot_force': _by_name(samples.FootForceSamples, 'effort'),
