@@ -154,7 +154,7 @@ def test_it_learns_the_reference_first_and_then_finds_a_shift():
 
 
 def test_means_of_a_second_are_those_of_its_stamps():
-    means = SecondMeans(2, 50.0)
+    means = SecondMeans(50.0)
     for sample in range(3000):
         means.measured(sample * S // 1000, np.array([[10.0, 20.0 + sample // 1000]]))
     for state in range(1200):
@@ -169,7 +169,7 @@ def test_means_of_a_second_are_those_of_its_stamps():
 
 
 def test_a_second_with_few_estimates_that_may_be_relied_on_is_left_out():
-    means = SecondMeans(1, 50.0)
+    means = SecondMeans(50.0)
     for sample in range(3000):
         means.measured(sample * S // 1000, np.array([[10.0]]))
         means.moved(sample * S // 1000, np.ones(1), np.ones(1))

@@ -2,7 +2,8 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -20,79 +21,58 @@ _SECOND = 1_000_000_000  # ns
 _LEAST_ESTIMATES = 0.8  # of a second's
 _LEAST_SAMPLES = 20  # of the measured power
 _MOST_WAITING = 10  # seconds that are not complete
+_NOTHING = (np.zeros(()), 0)
 
 
-@dataclass
-class _Sums:
-    power: Floats  # W [D]
-    motion: Floats  # [D, 3]: |ω|, ω², τ²
-    estimate: Floats  # W [D]
-    samples: int = 0
-    states: int = 0
-    estimates: int = 0
-
-
-@dataclass
 class SecondMeans:
-    """Means over each second of D drives, once all streams have passed it.
+    """Means over each second of D drives, once all streams have passed it."""
 
-    rate: estimates per second.
-    """
-
-    drives: int
-    rate: float
-    _sums: dict[int, _Sums] = field(default_factory=dict)
-    _measured: int = -1
-    _estimated: int = -1
+    def __init__(self, rate: float) -> None:
+        """rate: estimates per second."""
+        self._rate = rate
+        self._sums: dict[int, dict[str, tuple[Floats, int]]] = {}  # and counts, by second
+        self._newest = {'measured': -1, 'moved': -1, 'estimated': -1}
 
     def measured(self, stamp: int, power: Floats) -> None:
         """Take measured power W [samples, D], without NaN, at a stamp (ns)."""
-        sums = self._of(stamp)
-        self._measured = max(self._measured, stamp // _SECOND)
-        if sums is not None:
-            sums.power += power.sum(axis=0)
-            sums.samples += len(power)
+        self._add('measured', stamp, power.sum(axis=0), len(power))
 
     def moved(self, stamp: int, velocity: Floats, torque: Floats) -> None:
         """Take speed in rad/s and torque in N·m, [D], at a stamp (ns)."""
-        sums = self._of(stamp)
-        if sums is not None:
-            sums.motion += np.stack([np.abs(velocity), velocity**2, torque**2], axis=1)
-            sums.states += 1
+        self._add('moved', stamp, np.stack([np.abs(velocity), velocity**2, torque**2], axis=1))
 
     def estimated(self, stamp: int, power: Floats) -> None:
         """Take a reliable estimate W [D] at a stamp (ns)."""
-        sums = self._of(stamp)
-        self._estimated = max(self._estimated, stamp // _SECOND)
-        if sums is not None:
-            sums.estimate += power
-            sums.estimates += 1
+        self._add('estimated', stamp, power)
 
     def complete(self) -> Iterator[tuple[int, Floats, Floats]]:
         """Yield each complete second's arguments for `ChangeWatch.second`, once."""
-        passed = min(self._measured, self._estimated)
-        for index in sorted(i for i in self._sums if i < passed):
+        for index in sorted(i for i in self._sums if i < self._passed):
             sums = self._sums.pop(index)
-            enough = sums.estimates >= _LEAST_ESTIMATES * self.rate and sums.states
-            if sums.samples < _LEAST_SAMPLES or not enough:
-                continue
-            estimate = sums.estimate / sums.estimates
-            difference = sums.power / sums.samples - estimate
-            ones = np.ones((self.drives, 1))
-            motion = sums.motion / sums.states
-            yield index, difference, np.concatenate([ones, motion, estimate[:, None]], axis=1)
+            (power, samples), (motion, states), (estimate, estimates) = (
+                sums.get(kind, _NOTHING) for kind in self._newest
+            )
+            enough = estimates >= _LEAST_ESTIMATES * self._rate and states
+            if samples >= _LEAST_SAMPLES and enough:
+                mean = estimate / estimates
+                regressors = np.column_stack([np.ones(len(mean)), motion / states, mean])
+                yield index, power / samples - mean, regressors
 
-    def _of(self, stamp: int) -> _Sums | None:
-        """Return the sums of a stamp's second; None for one that is long past."""
+    @property
+    def _passed(self) -> int:
+        return min(self._newest['measured'], self._newest['estimated'])
+
+    def _add(self, kind: str, stamp: int, values: Floats, count: int = 1) -> None:
+        """Add to the sums of a stamp's second; nothing for one that is long past."""
         index = stamp // _SECOND
-        if index not in self._sums:
-            if index <= min(self._measured, self._estimated) - _MOST_WAITING:
-                return None
-            zero = np.zeros(self.drives)
-            self._sums[index] = _Sums(zero.copy(), np.zeros((self.drives, 3)), zero.copy())
-            if len(self._sums) > _MOST_WAITING:
-                del self._sums[min(self._sums)]
-        return self._sums[index]
+        if index not in self._sums and index <= self._passed - _MOST_WAITING:
+            return
+        sums = self._sums.setdefault(index, {})
+        total, known = sums.get(kind, _NOTHING)
+        sums[kind] = (total + values, known + count)
+        self._newest[kind] = max(self._newest[kind], index)
+        if len(self._sums) > _MOST_WAITING:
+            del self._sums[min(self._sums)]
 
 
 MESSAGES = {
@@ -122,21 +102,10 @@ class Vector:
     values: Floats  # [rows, names]
 
 
-class _Columns:
-    """Columns of the drives among the names of a message, in any order."""
-
-    def __init__(self, drives: Sequence[str]) -> None:
-        self._drives = drives
-        self._known: dict[tuple[str, ...], list[int] | None] = {}
-
-    def of(self, vector: Vector) -> Floats | None:
-        """Return values [rows, D]; None if a drive is missing."""
-        if vector.names not in self._known:
-            there = all(drive in vector.names for drive in self._drives)
-            columns = [vector.names.index(d) for d in self._drives] if there else None
-            self._known[vector.names] = columns
-        found = self._known[vector.names]
-        return None if found is None else vector.values[:, found]
+@lru_cache
+def _columns(names: tuple[str, ...], drives: tuple[str, ...]) -> list[int] | None:
+    """Columns of the drives among the names of a message, in any order; None if one is missing."""
+    return [names.index(drive) for drive in drives] if {*drives} <= {*names} else None
 
 
 class LiveSession:
@@ -172,7 +141,6 @@ class LiveSession:
         self._config = config or LiveConfig()
         self._stale_after = stale_after
         self._live: LiveEstimator | None = None
-        self._columns = _Columns(())
         self._first_command: Vector | None = None
         topics = ('joint_states', *sorted(self.topics - {'joint_states'}))
         self._arrived = dict.fromkeys(topics, -np.inf)
@@ -202,9 +170,7 @@ class LiveSession:
         self._hear('joint_commands', arrival)
         if self._live is None:
             self._first_command = command
-            return
-        found = self._columns.of(command)
-        if found is None:
+        elif (found := self._of_drives(command)) is None:
             self._unknown += 1
         else:
             self._live.command(command.stamp, found[0])
@@ -212,15 +178,16 @@ class LiveSession:
     def joint_state(self, state: Vector, arrival: float) -> Estimate | None:
         """Take position, velocity, torque [3, names] in SI; return an estimate if one is due."""
         self._hear('joint_states', arrival)
-        if self._live is None and not self._begin(state, arrival):
+        live = self._live or self._begin(state, arrival)
+        if live is None:
             return None
-        found = self._columns.of(state)
-        if found is None or self._live is None:
+        found = self._of_drives(state)
+        if found is None:
             self._unknown += 1
             return None
         if self._seconds is not None and np.isfinite(found).all():
             self._seconds.moved(state.stamp, found[1], found[2])
-        estimate = self._live.joint_state(state.stamp, *found)
+        estimate = live.joint_state(state.stamp, *found)
         if estimate is None:
             return None
         self._estimated = arrival
@@ -233,8 +200,7 @@ class LiveSession:
         if 'drive_supply' not in self.topics:
             return
         self._hear('drive_supply', arrival)
-        found = self._columns.of(supply) if self._live is not None else None
-        if found is not None and self._live is not None:
+        if self._live is not None and (found := self._of_drives(supply)) is not None:
             self._live.supply(*found)
 
     def supply(self, measured: Vector) -> None:
@@ -242,14 +208,14 @@ class LiveSession:
 
         Samples with a NaN in one of the estimated drives are left out.
         """
-        found = self._columns.of(measured) if self.drives else None
-        if found is None:
+        found = self._of_drives(measured)
+        if self._live is None or found is None:
             return
         good = found[np.isfinite(found).all(axis=1)]
         self._left_out += len(found) - len(good)
-        if len(good) and self._seconds is not None:
-            self._seconds.measured(measured.stamp, good)
         if len(good):
+            if self._seconds is not None:
+                self._seconds.measured(measured.stamp, good)
             self._score.measured(measured.stamp, float(good.sum(axis=1).mean()))
 
     def watched(self) -> Shift | None:
@@ -314,14 +280,19 @@ class LiveSession:
                 return f': {effect or self._model.name} needs {name.replace("_", " ")}'
         return ''
 
+    def _of_drives(self, vector: Vector) -> Floats | None:
+        """Values [rows, D] of the estimated drives; None if one is missing."""
+        columns = _columns(vector.names, self.drives)
+        return None if columns is None else vector.values[:, columns]
+
     def _hear(self, topic: str, arrival: float) -> None:
         self._arrived[topic] = arrival
         self._counts[topic] += 1
 
-    def _begin(self, state: Vector, arrival: float) -> bool:
+    def _begin(self, state: Vector, arrival: float) -> LiveEstimator | None:
         command = self._first_command
         if command is None and 'joint_commands' in self.required:
-            return False
+            return None
         missing = [name for name in self._wanted if name not in state.names]
         if missing:
             raise InputError(
@@ -348,15 +319,13 @@ class LiveSession:
             )
         self._live = LiveEstimator(self._model, drives, self._config)
         self._estimated = arrival
-        self._columns = _Columns(drives)
         if self._watch_config is not None:
             self.watch = ChangeWatch(drives, self._watch_config, self._reference)
-            self._seconds = SecondMeans(len(drives), 1 / self._config.period)
-        if command is not None:
-            found = self._columns.of(command)
-            if found is not None:
-                self._live.command(command.stamp, found[0])
-        return True
+            self._seconds = SecondMeans(1 / self._config.period)
+        found = None if command is None else self._of_drives(command)
+        if command is not None and found is not None:
+            self._live.command(command.stamp, found[0])
+        return self._live
 
     def _say(self, estimate: Estimate) -> Estimate:
         self._counts['power_estimate'] += 1
