@@ -101,7 +101,7 @@ class ShiftDetector:
     passes A on average no sooner than after A blocks, whatever the dependence between drives.
     """
 
-    def __init__(self, noise: tuple[ReferenceNoise, ...], blocks_between_alarms: float) -> None:
+    def __init__(self, noise: Sequence[ReferenceNoise], blocks_between_alarms: float) -> None:
         """noise: of each drive; blocks_between_alarms: A, the least mean while nothing changed."""
         self.noise = noise
         self.limit = blocks_between_alarms
@@ -249,14 +249,14 @@ class ChangeWatch:
         self.alarms: list[Shift] = []
         self.left_out = 0  # blocks of a drive
         self._seconds: list[Floats] = []  # [D, 6] each
-        self._learned: list[Floats] = []  # [D, 6]
-        self._follows: list[bool] = []  # whether the block before is that before in time
+        # Blocks [D, 6], and whether the block before is that before in time.
+        self._learned: list[tuple[Floats, bool]] = []
         self._unbroken = False
         self._recent: deque[Floats] = deque(maxlen=_SECONDS_KEPT)  # [D, 6] each
         self._index: int | None = None
         self._detector: ShiftDetector | None = None
         if reference is not None and all(name in reference for name in drives):
-            self._begin(tuple(reference[name] for name in drives))
+            self._begin([reference[name] for name in drives])
 
     @property
     def reference(self) -> dict[str, ReferenceNoise] | None:
@@ -265,17 +265,13 @@ class ChangeWatch:
             return None
         return dict(zip(self.drives, self._detector.noise, strict=True))
 
-    @property
-    def learned(self) -> float:
-        """Share of the reference that is learned, 0 to 1."""
-        return 1.0 if self._detector else len(self._learned) / self._needed
-
     def report(self) -> tuple[bool, str, dict[str, str]]:
         """Return whether nothing changed, a sentence, and figures as text by name."""
+        learned = 1.0 if self._detector else len(self._learned) / self._needed
         figures = {
             'alarms': str(len(self.alarms)),
             'false alarms allowed': f'{self.config.false_alarms_per_month:g} a month of motion',
-            'reference': f'{100 * self.learned:.0f} % learned',
+            'reference': f'{100 * learned:.0f} % learned',
             'blocks outside the reference': str(self.left_out),
         }
         if self.alarms:
@@ -283,9 +279,7 @@ class ChangeWatch:
             figures |= {'drive': last.drive, 'effect': ' or '.join(last.like)}
             figures['difference'] = f'{last.watts:+.2f} W'
             return False, last.sentence, figures
-        if self.reference is None:
-            return True, 'learning the reference', figures
-        return True, 'as the reference', figures
+        return True, 'as the reference' if self._detector else 'learning the reference', figures
 
     @property
     def _needed(self) -> int:
@@ -303,7 +297,7 @@ class ChangeWatch:
             if self._detector is not None:
                 self._detector.pause()
         self._index = index
-        row = np.concatenate([difference[:, None], regressors], axis=1)
+        row = np.column_stack([difference, regressors])
         self._seconds.append(row)
         self._recent.append(row)
         if len(self._seconds) < self.config.block:
@@ -330,26 +324,23 @@ class ChangeWatch:
         if found is None:
             return None
         drive, sign = found
-        blocks = max(int(since[drive, 0 if sign > 0 else 1]) + 1, 1)
-        shift = self._told(drive, blocks * self.config.block)
-        self.alarms.append(shift)
-        return shift
+        blocks = int(since[drive, 0 if sign > 0 else 1]) + 1
+        self.alarms.append(self._told(drive, blocks * self.config.block))
+        return self.alarms[-1]
 
     def _learn(self, block: Floats) -> None:
         whole = bool(np.isfinite(block).all())
         if whole:
-            self._learned.append(block)
-            self._follows.append(self._unbroken)
+            self._learned.append((block, self._unbroken))
         self._unbroken = whole
         if len(self._learned) < self._needed:
             return
-        blocks = np.stack(self._learned).swapaxes(0, 1)  # [D, n, 6]
-        follows = np.array(self._follows)
+        blocks = np.stack([block for block, _ in self._learned], axis=1)  # [D, n, 6]
+        follows = np.array([follows for _, follows in self._learned])
         self._learned.clear()
-        self._follows.clear()
-        self._begin(tuple(ReferenceNoise.of(own[:, 0], own[:, 2:], follows) for own in blocks))
+        self._begin([ReferenceNoise.of(own[:, 0], own[:, 2:], follows) for own in blocks])
 
-    def _begin(self, noise: tuple[ReferenceNoise, ...]) -> None:
+    def _begin(self, noise: Sequence[ReferenceNoise]) -> None:
         self._detector = ShiftDetector(noise, self.config.blocks_between_alarms)
 
     def _told(self, drive: int, seconds: int) -> Shift:

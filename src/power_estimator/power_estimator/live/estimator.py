@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from power_recordings.alignment.dataset import AlignedDataset
@@ -170,6 +170,14 @@ _AHEAD: Final = 1.25e6  # ns, half the time between joint states at 400 Hz
 _BRIDGED: Final = 0.01  # s of missing joint states before the past is dropped
 
 
+class LiveSample(NamedTuple):
+    """Mean signals of D drives in one bin of 1/rate s, as they enter a live estimate."""
+
+    stamp: int  # ns, of the newest joint state in it
+    signals: Floats  # in SI units [S, D]
+    fresh: bool  # it does not follow the sample before
+
+
 class CausalSampler:
     """Means of the joint states in successive bins of 1/rate s; rate in Hz.
 
@@ -190,8 +198,8 @@ class CausalSampler:
         self._count = 0
         self._previous: tuple[int, Floats] | None = None
 
-    def add(self, stamp: int, signals: Floats) -> Iterator[tuple[int, Floats, bool]]:
-        """Take a joint state [S, D]; yield stamp (ns), mean [S, D] and `fresh` of full bins."""
+    def add(self, stamp: int, signals: Floats) -> Iterator[LiveSample]:
+        """Take a joint state [S, D] at a stamp in ns; yield the samples of full bins."""
         if self._origin is None:
             self._origin = stamp - _AHEAD
         else:
@@ -210,7 +218,7 @@ class CausalSampler:
         if self._period and (stamp + self._period - self._origin) // self._width != index:
             yield from self._close()
 
-    def _close(self) -> Iterator[tuple[int, Floats, bool]]:
+    def _close(self) -> Iterator[LiveSample]:
         mean, missing = self._sum / self._count, self._bin - self._last_bin - 1
         self._count = 0
         if self._previous is not None and missing == -1:
@@ -219,10 +227,10 @@ class CausalSampler:
         if self._previous is not None and not fresh:
             stamp, before = self._previous
             for share in np.arange(1, missing + 1) / (missing + 1):
-                between = before + share * (mean - before)
-                yield round(stamp + share * (self._stamp - stamp)), between, False
+                between = round(stamp + share * (self._stamp - stamp))
+                yield LiveSample(between, before + share * (mean - before), False)
         self._last_bin, self._previous = self._bin, (self._stamp, mean)
-        yield self._stamp, mean, fresh
+        yield LiveSample(self._stamp, mean, fresh)
 
 
 _SIGNALS: Final = ('position', 'velocity', 'torque', 'command', 'voltage', 'temperature')
@@ -245,15 +253,6 @@ class LiveConfig(CheckedFields):
     period: Annotated[float, Quantity(0.005, 1.0, 's')] = 0.02  # between estimates
     command_timeout: Annotated[float, Quantity(0.01, 60.0, 's')] = 0.2  # until input is stale
     margin: Annotated[float, Quantity(0.0, 10.0)] = 0.05  # of a feature's range, outside of it
-
-
-@dataclass(frozen=True)
-class LiveSample:
-    """Mean signals of D drives in one bin of 1/rate s, as they enter a live estimate."""
-
-    stamp: int  # ns, of the newest joint state in it
-    signals: Floats  # in SI units [S, D]
-    fresh: bool  # it does not follow the sample before
 
 
 @dataclass(frozen=True)
@@ -337,8 +336,8 @@ class LiveEstimator:
             self.refused += 1
             return None
         result = None
-        for when, mean, fresh in self._sampler.add(stamp, signals):
-            result = self._advance(LiveSample(when, mean, fresh)) or result
+        for sample in self._sampler.add(stamp, signals):
+            result = self._advance(sample) or result
         return result
 
     def _advance(self, sample: LiveSample) -> Estimate | None:
