@@ -34,10 +34,10 @@ def cross_validation(data, *, config=SMALL, training=QUICK, folds=1, others=()):
     )
 
 
-def judged(validation, fold, checkpoint):
+def judged(validation, checkpoint):
     """Scores of a fold by model."""
     judge = Judge(Loaded.of(validation.data))
-    return {one.name: one for one in validation.test(fold, checkpoint, judge)[0]}
+    return {one.name: one for one in validation.test(checkpoint, judge)[0]}
 
 
 def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
@@ -47,9 +47,9 @@ def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
         training=TrainerConfig(epochs=10, batch=8, chunk=50),
     )
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({}, [])
+    folder.open({}, [], resume=False)
     checkpoint = validation.checkpoint(0, validation.run(folder))
-    scores = judged(validation, 0, checkpoint)
+    scores = judged(validation, checkpoint)
     for kind in ('HAA', 'HFE'):
         assert scores['ppn'].types[kind].r2 > 0.6
         for proxy in PROXIES:
@@ -61,9 +61,9 @@ def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
 def test_an_arm_of_three_joints_trains_by_the_same_code(drives, tmp_path):
     validation = cross_validation(drives(40.0, ('joint_1', 'joint_2', 'wrist')))
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({}, [])
+    folder.open({}, [], resume=False)
     checkpoint = validation.checkpoint(0, validation.run(folder))
-    scores = judged(validation, 0, checkpoint)
+    scores = judged(validation, checkpoint)
     assert list(scores['ppn'].drives) == ['joint_1', 'joint_2', 'wrist']
     assert np.isfinite([s.r2 for s in scores['ppn'].drives.values()]).all()
 
@@ -121,7 +121,7 @@ def test_a_resumed_training_ends_where_an_unbroken_one_does(drives, tmp_path):
     validation = cross_validation(drives(40.0, ('LF_HAA',)))
     unbroken = train(validation, 3)
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({}, [])
+    folder.open({}, [], resume=False)
     folder.save_state('HAA-0', train(validation, 1).state())
     resumed = validation.trainer(validation.jobs[0])
     resumed.restore(folder.load_state('HAA-0'))
@@ -134,7 +134,7 @@ def test_a_resumed_training_ends_where_an_unbroken_one_does(drives, tmp_path):
 def test_a_finished_job_is_not_trained_again(drives, tmp_path):
     validation = cross_validation(drives(40.0, ('LF_HAA',)))
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({}, [])
+    folder.open({}, [], resume=False)
     first = validation.run(folder)
     seen = []
     again = validation.run(folder, lambda job, trainer: seen.append(len(trainer.history)))
@@ -146,7 +146,7 @@ def test_a_finished_job_is_not_trained_again(drives, tmp_path):
 def test_state_of_another_network_is_refused(drives, tmp_path):
     data = drives(40.0, ('LF_HAA',))
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({}, [])
+    folder.open({}, [], resume=False)
     folder.save_state('HAA-0', train(cross_validation(data), 1).state())
     with pytest.raises(InputError, match='state of HAA-0 does not fit'):
         cross_validation(data, config=NetworkConfig(hidden=13)).run(folder)
@@ -154,7 +154,7 @@ def test_state_of_another_network_is_refused(drives, tmp_path):
 
 def test_damaged_state_is_refused_by_name(tmp_path):
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({}, [])
+    folder.open({}, [], resume=False)
     (tmp_path / 'run' / 'state' / 'HAA-0.safetensors').write_bytes(b'\x00' * 20)
     with pytest.raises(InputError, match=r'HAA-0.safetensors: is damaged'):
         folder.load_state('HAA-0')
@@ -162,16 +162,17 @@ def test_damaged_state_is_refused_by_name(tmp_path):
 
 def test_a_run_is_not_overwritten_and_resumes_only_as_it_was_started(tmp_path):
     folder = NetworkRunFolder(tmp_path / 'run')
-    folder.start({'hidden': 100}, [{'name': 'walk', 'sha256': 'a'}])
+    walk, other = (TrainingRecording('walk', sha256) for sha256 in 'ab')
+    folder.open({'hidden': 100}, [walk], resume=False)
     with pytest.raises(InputError, match='exists already: give --resume'):
-        folder.start({'hidden': 100}, [])
-    folder.resume({'hidden': 100}, [{'name': 'walk', 'sha256': 'a'}])
+        folder.open({'hidden': 100}, [], resume=False)
+    folder.open({'hidden': 100}, [walk], resume=True)
     with pytest.raises(InputError, match='was started with hidden = 100, not 64'):
-        folder.resume({'hidden': 64}, [{'name': 'walk', 'sha256': 'a'}])
+        folder.open({'hidden': 64}, [walk], resume=True)
     with pytest.raises(InputError, match='was started on other recordings'):
-        folder.resume({'hidden': 100}, [{'name': 'walk', 'sha256': 'b'}])
+        folder.open({'hidden': 100}, [other], resume=True)
     with pytest.raises(InputError, match='is no run to resume'):
-        NetworkRunFolder(tmp_path / 'none').resume({}, [])
+        NetworkRunFolder(tmp_path / 'none').open({}, [], resume=True)
 
 
 def test_training_stops_early_when_validation_no_longer_improves(drives):
@@ -287,7 +288,7 @@ def test_a_table_holds_mean_and_spread_over_folds(drives):
     tests = []
     for fold in range(2):
         trainers = {job: validation.trainer(job) for job in validation.jobs if job.fold == fold}
-        tests.append(judged(validation, fold, validation.checkpoint(fold, trainers)))
+        tests.append(judged(validation, validation.checkpoint(fold, trainers)))
     (ppn, *_) = table([list(test.values()) for test in tests])['models']
     r2s = [t['ppn'].drives['LF_HAA'].r2 for t in tests]
     assert ppn['drives']['LF_HAA']['r2'] == pytest.approx(np.mean(r2s))

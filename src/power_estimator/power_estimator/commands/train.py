@@ -2,9 +2,7 @@
 
 import argparse
 import shlex
-from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 from power_recordings.reading.bag_folder import check_recordings
 from rich.console import Console
@@ -17,12 +15,11 @@ from power_estimator.evaluation.benchmark import print_scores, table
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import NetworkConfig
-from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.cross_validation import CrossValidation
 from power_estimator.training.on_workers import engine_of, train_on_workers
-from power_estimator.training.progress_bars import TrainingBars
+from power_estimator.training.progress_bars import training_bars
 from power_estimator.training.protocol import Protocol
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
-from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
 
 TRACES = 'traces.png'
@@ -61,42 +58,30 @@ def run(options: argparse.Namespace) -> None:
     jobs = [job.name for job in validation.jobs]
     with (
         engine_of(place) as engine,
-        TrainingBars(progress, jobs, training.epochs, folder.path) as bars,
+        training_bars(progress, jobs, training.epochs, folder.path) as show,
     ):
-
-        def show(job: Job, trainer: Trainer) -> None:
-            bars.show(job.name, trainer)
-
         if engine is None:
             trainers = validation.run(folder, show, place.processes(len(jobs)))
         else:
             trainers = train_on_workers(engine, given, validation, folder, show)
     with progress.status('testing on held-out data'):
         judge = Judge(load(options.bags, options.drives, anyway=True))
-        tests, pictures = [], []
+        tests = []
         for fold in range(protocol.folds):
             checkpoint = validation.checkpoint(fold, trainers)
             folder.save_model(fold, checkpoint)
-            judged, traces = validation.test(fold, checkpoint, judge)
-            tests.append(judged)
-            pictures.append(traces)
-        result = table(tests)
+            tests.append(validation.test(checkpoint, judge))
+        result = table([judged for judged, _ in tests])
         title = f'held-out data, {len(tests)} fold{"s" if len(tests) > 1 else ""}'
-        figure.draw_traces(folder.path / TRACES, pictures[0], dark=options.dark)
+        figure.draw_traces(folder.path / TRACES, tests[0][1], dark=options.dark)
         figure.draw_bars(folder.path / BARS, result, title=title, dark=options.dark)
         folder.save_json(TABLE, result)
         folder.finish(trainers)
     print_scores(result, title)
-    _next(options.output, options.bags)
-
-
-def _next(run: Path, bags: Sequence[Path]) -> None:
-    print(f'pictures: {run / TRACES}, {run / BARS}; table: {run / TABLE}')
-    model, estimate = shlex.quote(f'ppn:{run}'), shlex.quote(f'{bags[0]}_estimate')
+    print(f'pictures: {folder.path / TRACES}, {folder.path / BARS}; table: {folder.path / TABLE}')
+    model = shlex.quote(f'ppn:{options.output}')
+    bag, estimate = shlex.quote(str(options.bags[0])), shlex.quote(f'{options.bags[0]}_estimate')
     print('next, live beside the robot or a playing bag:')
     print(f'  ros2 run power_estimator estimate --ros-args -p model:={model}')
     print('or a recording through the live estimator:')
-    print(
-        f'  ros2 run power_estimator replay {shlex.quote(str(bags[0]))} --model {model} '
-        f'-o {estimate}'
-    )
+    print(f'  ros2 run power_estimator replay {bag} --model {model} -o {estimate}')

@@ -1,5 +1,6 @@
 """Figures of measured and estimated power, after Figures 3 and 4 of the paper."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -71,40 +72,22 @@ def draw_bars(
             x = np.arange(len(models)) + (index - (len(types) - 1) / 2) * width
             colour = (blue, *OTHERS)[index % (len(OTHERS) + 1)]
             bars = axis.bar(x, r2, width * 0.92, color=colour, label=kind)
-            axis.errorbar(
-                x,
-                r2,
-                np.where(spread > 0, spread, np.nan),
-                fmt='none',
-                ecolor=ink,
-                elinewidth=1,
-                capsize=2,
-            )
+            lines = np.where(spread > 0, spread, np.nan)
+            axis.errorbar(x, r2, lines, fmt='none', ecolor=ink, elinewidth=1, capsize=2)
             for bar, value, std in zip(bars, r2, spread, strict=True):
                 if np.isfinite(value):
                     place = (bar.get_x() + bar.get_width() / 2, max(value + std, 0) + 0.02)
-                    axis.annotate(
-                        _figure(value), place, ha='center', va='bottom', fontsize=6, color=ink
-                    )
+                    text = f'{value:.3f}' if 0.99 < value < 1 else f'{value:.2f}'
+                    axis.annotate(text, place, ha='center', va='bottom', fontsize=6, color=ink)
         axis.axhline(0, color=ink, lw=0.8)
-        axis.set_xticks(
-            np.arange(len(models)),
-            [
-                LABELS.get(m['name'], m['name'])
-                .replace('positive ', 'positive\n')
-                .replace('mechanical ', 'mechanical\n')
-                for m in models
-            ],
-        )
+        labels = [LABELS.get(model['name'], model['name']) for model in models]
+        broken = [re.sub(r'(positive|mechanical) ', r'\1\n', label) for label in labels]
+        axis.set_xticks(np.arange(len(models)), broken)
         axis.set_ylim(max(lowest * 1.1, -1.5), 1.12)
         axis.set_ylabel('R² on held-out data')
         axis.legend(ncols=len(types), loc='lower right', bbox_to_anchor=(1, 1), frameon=False)
         axis.set_title(title, loc='left', fontsize=10)
         save_figure(figure, path)
-
-
-def _figure(r2: float) -> str:
-    return f'{r2:.3f}' if 0.99 < r2 < 1 else f'{r2:.2f}'
 
 
 def _panel(axis: Axes, title: str) -> None:

@@ -170,18 +170,19 @@ class CrossValidation:
     def run(
         self,
         folder: NetworkRunFolder,
-        progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
+        progress: Callable[[str, Trainer], None] = lambda job, trainer: None,
         workers: int = 2,
     ) -> dict[Job, Trainer]:
         """Train all jobs on `workers` threads, each on one core; states are kept in the folder.
 
-        Ctrl-C ends at the next epoch; the state reached stays in the folder.
+        progress: called with a job's name after each epoch. Ctrl-C ends at the next epoch; the
+        state reached stays in the folder.
         """
         stop = threading.Event()
 
         def work(job: Job) -> Trainer:
             torch.set_num_threads(1)
-            return self.train(job, folder, partial(progress, job), stop.is_set)
+            return self.train(job, folder, partial(progress, job.name), stop.is_set)
 
         torch.set_num_threads(1)
         with ThreadPoolExecutor(workers) as pool:
@@ -229,10 +230,8 @@ class CrossValidation:
             self.config, tuple(networks), recordings, about, version('power_estimator')
         )
 
-    def test(
-        self, fold: int, checkpoint: Checkpoint, judge: Judge
-    ) -> tuple[tuple[JudgedModel, ...], Traces]:
-        """Judge the networks, all proxies and the plain model on the fold's test part.
+    def test(self, checkpoint: Checkpoint, judge: Judge) -> tuple[tuple[JudgedModel, ...], Traces]:
+        """Judge a fold's networks, all proxies and the plain model on its test part.
 
         judge: of the recordings that were trained on. Returns the models, the network first, and
         the traces for a figure.

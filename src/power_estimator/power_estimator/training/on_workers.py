@@ -92,16 +92,16 @@ def train_on_workers(
     given: TrainingSet,
     validation: CrossValidation,
     folder: NetworkRunFolder,
-    progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
+    progress: Callable[[str, Trainer], None],
 ) -> dict[Job, Trainer]:
     """Train all jobs of a cross-validation of these recordings by the engine; return trainers.
 
-    progress: called when a job has ended.
+    progress: called with a job's name when it has ended.
     """
     tasks = [NetworkTask.of(given, validation, job, folder) for job in validation.jobs]
     trainers: dict[Job, Trainer] = {}
     for place, state in engine.completed(train_network, tasks, CODE):
         job = validation.jobs[place]
         trainers[job] = validation.restored(job, state)
-        progress(job, trainers[job])
+        progress(job.name, trainers[job])
     return {job: trainers[job] for job in validation.jobs}

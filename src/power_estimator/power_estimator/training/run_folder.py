@@ -47,23 +47,21 @@ class NetworkRunFolder:
         run, or one with other settings or recordings.
         """
         cards = [asdict(recording) for recording in recordings]
-        (self.resume if resume else self.start)(config, cards)
-
-    def start(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
-        """Begin a run in a new folder; InputError if it exists already or cannot be made."""
-        if self.path.exists():
+        if resume:
+            self._require_same(config, cards)
+        elif self.path.exists():
             raise InputError(f'{self.path} exists already: give --resume or another folder')
         try:
-            self._state.mkdir(parents=True)
-            self._folds.mkdir()
+            for folder in (self._state, self._folds):
+                folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f'{self.path} cannot be made: {error.strerror}') from None
-        self._yaml(RECORDINGS, recordings)
-        self._yaml(CONFIG, config)
+        if not resume:
+            self._yaml(RECORDINGS, cards)
+            self._yaml(CONFIG, config)
 
-    def resume(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
-        """Continue a run; InputError if it was started with other settings or recordings."""
-        for file, now in ((CONFIG, config), (RECORDINGS, recordings)):
+    def _require_same(self, config: Mapping[str, Any], cards: list[dict[str, Any]]) -> None:
+        for file, now in ((CONFIG, config), (RECORDINGS, cards)):
             try:
                 before = read_yaml(self.path / file, 'run')
             except InputError as error:
@@ -77,8 +75,6 @@ class NetworkRunFolder:
                         )
             elif before != json.loads(json.dumps(now)):
                 raise InputError(f'{self.path} was started on other recordings: see {file}')
-        self._state.mkdir(exist_ok=True)
-        self._folds.mkdir(exist_ok=True)
 
     def save_state(self, job: str, tensors: Mapping[str, NDArray[np.generic]]) -> None:
         """Write the state of a job, arrays by name; RecordingError if it cannot be written."""

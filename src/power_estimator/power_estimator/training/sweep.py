@@ -50,10 +50,9 @@ class SweepPoint:
 
     def network(self) -> NetworkConfig:
         """Return the shape of the network; InputError for units or a history out of range."""
-        if self.history is None:
-            return replace(CHOSEN, hidden=self.hidden)
-        warm_up = min(CHOSEN.warm_up, self.history // 2)
-        return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
+        history = CHOSEN.history if self.history is None else self.history
+        warm_up = min(CHOSEN.warm_up, history // 2)
+        return replace(CHOSEN, hidden=self.hidden, history=history, warm_up=warm_up)
 
     def training(self, base: TrainerConfig) -> TrainerConfig:
         """Return the settings of the training, for carried state or windows of the history.
@@ -168,8 +167,8 @@ class Sweep:
                 continue
             validation = self.validation(point)
 
-            def show(job: Job, trainer: Trainer, point: SweepPoint = point) -> None:
-                progress(f'{point.name} {job.name}', trainer)
+            def show(job: str, trainer: Trainer, point: SweepPoint = point) -> None:
+                progress(f'{point.name} {job}', trainer)
 
             if states is None:
                 trainers = validation.run(folder, show, workers)
@@ -177,7 +176,7 @@ class Sweep:
                 trainers = {}
                 for job in validation.jobs:
                     trainers[job] = validation.restored(job, next(states))
-                    show(job, trainers[job])
+                    show(job.name, trainers[job])
             result = self._test(point, validation, trainers)
             folder.finish()
             write_whole(file, json.dumps(result.content(), indent=1) + '\n')
