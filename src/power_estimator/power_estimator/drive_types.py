@@ -36,16 +36,13 @@ def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
     The type is the name without the leg's prefix (LF, RH, FL, left, …), or an ending that several
     drives share (`a_hip`, `b_hip`). Every other drive is a type of its own.
     """
-    endings = Counter(drive.split('_', 1)[1] for drive in drives if '_' in drive)
+    endings = Counter(drive.partition('_')[2] for drive in drives)
     types: dict[str, list[str]] = {}
     for drive in drives:
         leg = _LEG.match(drive)
-        if leg:
-            ending = leg['type']
-        else:
-            ending = drive.split('_', 1)[1] if '_' in drive else ''
-            if endings[ending] < 2:
-                ending = ''
+        ending = leg['type'] if leg else drive.partition('_')[2]
+        if not leg and endings[ending] < 2:
+            ending = ''
         name, pattern = (ending, f'*_{ending}') if ending else (drive, drive)
         name = re.sub(r'[^\w.-]', '.', name)
         if pattern not in types.setdefault(name, []):

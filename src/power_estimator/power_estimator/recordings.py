@@ -121,12 +121,9 @@ def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> Align
     for pattern in drives:
         if not any(fnmatchcase(name, pattern) for name in data.names):
             raise InputError(f'--drives {pattern!r}: there are {", ".join(data.names)}')
-    unknown = np.full_like(data.supply, np.nan)
-    return (
-        data.drives(chosen)
-        if len(chosen) == len(data.names)
-        else replace(data.drives(chosen), supply=unknown)
-    )
+    all_of_them = len(chosen) == len(data.names)
+    supply = data.supply if all_of_them else np.full_like(data.supply, np.nan)
+    return replace(data.drives(chosen), supply=supply)
 
 
 def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) -> Singles:

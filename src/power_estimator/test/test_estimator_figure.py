@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib import image
-from power_estimator.evaluation.figure import draw_bars, draw_traces
-from power_estimator.evaluation.traces import Traces
+from power_estimator.evaluation.figure import Traces, draw_bars, draw_traces
+from power_estimator.judge.result import SupplyScore
+from power_estimator.scores import Score
 from wattwalk_core.errors import InputError
 
 TIME = np.arange(100) / 50
@@ -15,11 +16,14 @@ TRACES = Traces(
     estimated=50 + 38 * np.sin(9 * TIME),
     r2=0.98,
     proxies={'torque_squared': 50 + 30 * np.cos(9 * TIME)},
-    supply=700 + 100 * np.sin(9 * TIME),
-    robot=700 + 90 * np.sin(9 * TIME),
-    electronics=192.0,
-    drives=12,
-    robot_r2=0.97,
+    supply=SupplyScore(
+        score=Score(r2=0.97, rmse_w=7.0, bias_w=0.0, energy_error=0.0, samples=100),
+        measured=700 + 100 * np.sin(9 * TIME),
+        estimated=700 + 90 * np.sin(9 * TIME),
+        electronics=192.0,
+        drives=12,
+        lag=0.0,
+    ),
 )
 TABLE = {
     'models': [
@@ -49,7 +53,7 @@ def test_pictures_have_an_opaque_ground_light_or_dark(tmp_path, dark):
 
 def test_without_a_supply_there_are_two_panels(tmp_path):
     draw_traces(tmp_path / 'three.png', TRACES)
-    draw_traces(tmp_path / 'two.png', replace(TRACES, supply=None, robot=None))
+    draw_traces(tmp_path / 'two.png', replace(TRACES, supply=None))
     three, two = (pixels(tmp_path / f'{name}.png').shape for name in ('three', 'two'))
     assert two[0] < three[0]
     assert two[1] == three[1]

@@ -37,7 +37,7 @@ def cross_validation(data, *, config=SMALL, training=QUICK, folds=1, others=()):
 def judged(validation, checkpoint):
     """Scores of a fold by model."""
     judge = Judge(Loaded.of(validation.data))
-    return {one.name: one for one in validation.test(checkpoint, judge)[0]}
+    return {one.name: one for one in validation.test(checkpoint, judge)}
 
 
 def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):

@@ -61,9 +61,9 @@ class EffectBatch:
         self._past = np.zeros((self._kept, 2, robots, len(drives)))
         self._fresh = np.ones(robots, bool)
 
-    def reset(self, robots: Tensor | None) -> None:
-        """Forget the past of the robots with these numbers [n], or of all."""
-        self._fresh[slice(None) if robots is None else robots.numpy()] = True
+    def reset(self, robots: Tensor) -> None:
+        """Forget the past of the robots marked in [N]."""
+        self._fresh |= robots.numpy()
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
         """Return the mean power in W [N, D] over S samples [N, S, D]; the error is not used."""
@@ -130,7 +130,7 @@ class ProxyBatch:
             )
         self._signal = PROXIES[model.name]
 
-    def reset(self, robots: Tensor | None) -> None:
+    def reset(self, robots: Tensor) -> None:
         """Do nothing: no past is kept."""
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
@@ -177,13 +177,13 @@ class BatchPower:
 
     def reset(self, ids: Sequence[int] | NDArray[np.integer] | Tensor | None = None) -> None:
         """Forget the past of the robots with these numbers [n], or of all."""
-        robots = None if ids is None else torch.as_tensor(ids, dtype=torch.long)
-        if robots is not None and not len(robots):
-            return
+        robots = torch.full((self.robots,), ids is None)
+        if ids is not None:
+            robots[torch.as_tensor(ids, dtype=torch.long)] = True
         with torch.inference_mode():
             self._model.reset(robots)
-        self._since[slice(None) if robots is None else robots.numpy()] = 0
-        self._lost[slice(None) if robots is None else robots] = False
+        self._since[robots.numpy()] = 0
+        self._lost &= ~robots
 
     def step(self, position_error: Array, torque: Array, speed: Array) -> Array:
         """Return the mean power in W [N, D] of the next samples, [N, S, D] in rad, N·m and rad/s.
@@ -241,17 +241,13 @@ class NetworkBatch:
             if columns[n.type.name]
         ]
         with torch.inference_mode():
-            self.reset(None)
+            for part in self._parts:
+                part.begin(robots)
 
-    def reset(self, robots: Tensor | None) -> None:
-        """Forget the past of the robots with these numbers [n], or of all."""
+    def reset(self, robots: Tensor) -> None:
+        """Forget the past of the robots marked in [N]."""
         for part in self._parts:
-            if robots is None:
-                part.begin(self._robots)
-            else:
-                part.forget(
-                    torch.zeros(self._robots, dtype=torch.bool).index_fill(0, robots, True)
-                )
+            part.forget(robots)
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
         """Return the mean power in W [N, D] over S samples [N, S, D] in rad, N·m and rad/s."""

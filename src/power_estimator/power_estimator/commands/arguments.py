@@ -34,6 +34,12 @@ def add_cross_validation(parser: ArgumentParser, *, folds: int) -> None:
     add('--dark', action='store_true', help='figures on a dark ground')
 
 
+_MODELS = (
+    'ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle), or recorded (the live '
+    'estimate in the recording)'
+)
+
+
 @entry_point(
     'power_estimator.commands.benchmark:run',
     'Compare power models on recordings: R², errors in W and in energy, all on samples that '
@@ -44,23 +50,12 @@ def add_cross_validation(parser: ArgumentParser, *, folds: int) -> None:
 def benchmark(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
-    add(
-        '--models',
-        nargs='+',
-        required=True,
-        metavar='MODEL',
-        help='ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle), or recorded '
-        '(the live estimate in the recording)',
-    )
+    add('--models', nargs='+', required=True, metavar='MODEL', help=_MODELS)
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
     add_doubts(parser)
     add('--json', type=Path, metavar='FILE', help='write the table there')
-    add(
-        '--picture',
-        type=ending('--picture', *PICTURES),
-        metavar='PNG',
-        help='draw the estimates and the R² there',
-    )
+    picture = ending('--picture', *PICTURES)
+    add('--picture', type=picture, metavar='PNG', help='draw the estimates and the R² there')
     add('--dark', action='store_true', help='pictures on a dark ground')
     return parser.parse_args(args)
 
@@ -78,9 +73,8 @@ def distil(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_training(parser)
     add_workplace(parser, 'networks', scheduler=False)
     add('--hidden', type=int, default=32, help='hidden units of the small network (32)')
-    add(
-        '--robots', nargs='+', type=int, default=(64, 512, 4096), help='side by side, for the cost'
-    )
+    robots = (64, 512, 4096)
+    add('--robots', nargs='+', type=int, default=robots, help='side by side, for the cost')
     return parser.parse_args(args)
 
 
@@ -105,13 +99,8 @@ def export(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('model', metavar='RUN', help='run folder or file of a network; see distil for a small one')
     add('-o', '--output', type=Path, required=True, metavar='DIR', help='folder to write')
     add('--drives', nargs='+', default=(), metavar='NAME', help='columns of the TorchScript file')
-    add(
-        '--sample-rate',
-        type=float,
-        default=200.0,
-        metavar='HZ',
-        help='of the samples that the TorchScript file takes (200)',
-    )
+    rate = 'of the samples that the TorchScript file takes (200)'
+    add('--sample-rate', type=float, default=200.0, metavar='HZ', help=rate)
     options = parser.parse_args(args)
     if options.output.exists() and not options.output.is_dir():
         raise InputError(f'{options.output} is a file; give a folder')

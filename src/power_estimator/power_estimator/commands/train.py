@@ -71,9 +71,10 @@ def run(options: argparse.Namespace) -> None:
             checkpoint = validation.checkpoint(fold, trainers)
             folder.save_model(fold, checkpoint)
             tests.append(validation.test(checkpoint, judge))
-        result = table([judged for judged, _ in tests])
+        result = table(tests)
         title = f'held-out data, {len(tests)} fold{"s" if len(tests) > 1 else ""}'
-        figure.draw_traces(folder.path / TRACES, tests[0][1], dark=options.dark)
+        shown = figure.traces(judge, tests[0])
+        figure.draw_traces(folder.path / TRACES, shown, dark=options.dark)
         figure.draw_bars(folder.path / BARS, result, title=title, dark=options.dark)
         folder.save_json(TABLE, result)
         folder.finish(trainers)

@@ -213,8 +213,7 @@ class HeldOutEstimator:
                 drawn, of_signal = (v[trained][:, own][both] for v in (nominal, signal))
                 mean = of_signal.mean() if both.any() else 0.0
                 if mean > 0.0:
-                    for column in own:
-                        factors[tested, column] = drawn.mean() / mean
+                    factors[np.ix_(tested, own)] = drawn.mean() / mean
         return factors
 
     def _scaled(self, proxy: Proxy) -> Singles:

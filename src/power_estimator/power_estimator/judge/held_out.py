@@ -72,12 +72,8 @@ def power_on(loaded: Loaded, model: PowerModel) -> Singles:
     out = np.full(data.torque.shape, np.nan, np.float32)
     for index in range(len(data.recordings)):
         here, there = data.recording == index, smooth.recording == index
-        if not here.any() or not there.any():
-            continue
-        for drive in range(power.shape[1]):
-            out[here, drive] = _between(
-                data.time[here], smooth.time[there], power[there, drive], smooth.rate
-            )
+        if here.any() and there.any():
+            out[here] = _between(data.time[here], smooth.time[there], power[there], smooth.rate)
     return out
 
 
@@ -119,14 +115,14 @@ def _require_seconds(spec: str, power: Singles, data: AlignedDataset) -> None:
 
 
 def _between(time: Floats, known: Floats, values: Singles, rate: float) -> Singles:
-    """Linear interpolation that does not bridge gaps or NaN; held for half a sample at ends."""
+    """Values [K, D] at other times: linear, not across gaps or NaN; held half a sample at ends."""
     right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
     left = right - 1
     width = np.maximum(known[right] - known[left], 1e-9)
     weight = (time - known[left]) / width
-    result = (1.0 - weight) * values[left] + weight * values[right]
+    result = (1.0 - weight)[:, None] * values[left] + weight[:, None] * values[right]
     outside = (weight < -0.01) | (weight > 1.01) | (width > 1.5 / rate)
     nearest = np.where(weight < 0.5, left, right)
     near = np.abs(time - known[nearest]) < 0.6 / rate
-    result[outside] = np.where(near, values[nearest], np.nan)[outside]
+    result[outside] = np.where(near[:, None], values[nearest], np.nan)[outside]
     return result.astype(np.float32)

@@ -17,12 +17,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.training import LEAST_TO_FIT, Material
 from power_estimator.judge.estimator import HeldOutEstimator, JudgeSettings
-from power_estimator.judge.held_out import (
-    base_power,
-    knows,
-    power_on,
-    power_under,
-)
+from power_estimator.judge.held_out import base_power, knows, power_on, power_under
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut, JudgedModel, SupplyScore
 from power_estimator.loader import load_base
@@ -110,20 +105,9 @@ class Judge:
     """Scores power models on recordings, all in the same way.
 
     Measured and estimated power are compared at 50 Hz after the same zero-phase low-pass at
-    12.5 Hz and decimation. Effect models form their products at 400 Hz from signals as they were
-    measured; networks and proxies get the smoothed 200 Hz signals that they are made for, and
-    their power is brought to the same grid.
-
-    Rows count that were measured, in whole seconds and past the first 0.2 s of a stretch, and
-    that the model knows; of several models, those that all know.
-
-    All is held out. A recording that a model was not fitted on, by its fingerprint, is predicted
-    as it is, less the best delay of the meter against the joint signals; errors of measurement
-    that were fitted elsewhere (gain, offset, drift, bias, lag) stay there. On recordings that a
-    model of effects was fitted on it is refitted fold by fold: pieces of 10 s, a second apart,
-    with errors of measurement of each recording's own. Proxies are scaled on the other folds, also
-    below effects that are refitted; a network counts on its test part. Operating points of steady
-    recordings are independent rows: as they are, without delay, and dealt out to the folds.
+    12.5 Hz and decimation, on rows that were measured and that all models of a comparison know.
+    All is held out: docs/explanation/judging.md says how for each kind of model, and which errors
+    of measurement stay with a recording.
     """
 
     def __init__(
@@ -184,10 +168,7 @@ class Judge:
         power of the whole robot, too. InputError where no row is left.
         """
         shown = list(names) or [model.name for model in models]
-        found = [
-            self._estimator.estimate(model, name)
-            for model, name in zip(models, shown, strict=True)
-        ]
+        found = [self._estimator.estimate(*one) for one in zip(models, shown, strict=True)]
         common = self._rows.copy()
         for one in found:
             common &= np.isfinite(one.residual)
@@ -238,15 +219,14 @@ class Judge:
         kinds = {
             kind: [c for c in own if c in there] for kind, own in assign(names, types).items()
         }
-        of_model = model if isinstance(model, EffectModel) else None
         return JudgedModel(
             measured,
             residual,
             found.delays,
             found.how,
             name=name,
-            effects=of_model.effects if of_model else (),
-            at_bound=of_model.at_bound if of_model else (),
+            effects=model.effects if isinstance(model, EffectModel) else (),
+            at_bound=model.at_bound if isinstance(model, EffectModel) else (),
             drives={names[column]: scored([column]) for column in range(len(names))},
             types={kind: scored(own) for kind, own in kinds.items() if own},
             total=self._spread(*(v[:, there].sum(axis=1) for v in (measured, estimated))),

@@ -153,13 +153,14 @@ class Loaded:
         """Return some of the recordings, by ascending indices."""
         if len(places) == len(self.identities):
             return self
-        chosen = np.isin(self.data.recording, places)
-        data = replace(
-            self.data.rows(chosen), recordings=tuple(self.data.recordings[i] for i in places)
-        )
+        data = self.data.rows(np.isin(self.data.recording, places))
         return replace(
             self,
-            data=replace(data, recording=np.searchsorted(places, data.recording).astype(np.int32)),
+            data=replace(
+                data,
+                recordings=tuple(data.recordings[i] for i in places),
+                recording=np.searchsorted(places, data.recording).astype(np.int32),
+            ),
             recordings=[self.recordings[i] for i in places] if self.recordings else (),
             left_out=tuple(
                 replace(span, recording=list(places).index(span.recording))

@@ -93,7 +93,6 @@ def _edges(estimated: Floats, bins: int) -> tuple[float, ...]:
 
 FILE = 'model.safetensors'
 SHIPPED = Path(__file__).parent / 'shipped'
-Format = Literal['power_prediction_network/1']
 
 _Number = Annotated[float, Quantity(-1e9, 1e9)]
 _Scale = Annotated[float, Quantity(1e-6, 1e9)]
@@ -154,7 +153,7 @@ class _TypeCard:
 
 @schema
 class _NetworkCard:
-    format: Format
+    format: Literal['power_prediction_network/1']
     software: Annotated[str, Printable(0)]
     features: tuple[str, ...]
     config: NetworkConfig
@@ -188,16 +187,21 @@ class Checkpoint:
             for network in self.networks
             for name, values in vars(network.weights).items()
         }
-        card = _NetworkCard(
-            'power_prediction_network/1',
-            self.software,
-            FEATURES,
-            self.config,
-            {n.type.name: _type_card(n) for n in self.networks},
-            dict(self.training),
-            self.recordings,
+        card = asdict(
+            _NetworkCard(
+                'power_prediction_network/1',
+                self.software,
+                FEATURES,
+                self.config,
+                {n.type.name: _type_card(n) for n in self.networks},
+                dict(self.training),
+                self.recordings,
+            )
         )
-        write_whole(path, save(tensors, {'card': dump_yaml(_without_none(asdict(card)))}))
+        # Readers of former versions expect no null.
+        for kind, entry in card['types'].items():
+            card['types'][kind] = {k: v for k, v in entry.items() if v is not None}
+        write_whole(path, save(tensors, {'card': dump_yaml(card)}))
 
     @classmethod
     def load(cls, path: Path) -> 'Checkpoint':
@@ -220,14 +224,6 @@ class Checkpoint:
             return _checkpoint(content)
         except InputError as error:
             raise InputError(f'network {file}: {error}') from None
-
-
-def _without_none(content: dict[str, Any]) -> dict[str, Any]:
-    """Leave out absent entries of a type: readers of former versions expect no null."""
-    for entry in content['types'].values():
-        for key in [key for key, value in entry.items() if value is None]:
-            del entry[key]
-    return content
 
 
 def _type_card(network: Network) -> _TypeCard:

@@ -28,6 +28,7 @@ import torch
 from torch import Tensor, nn
 
 FORMAT = 'wattwalk_power_term/1'
+PARTS = ('input', 'recurrent', 'bias', 'output', 'output_bias')
 FEATURES = ('position_error', 'torque', 'velocity')  # rad (target − position), N·m, rad/s
 
 
@@ -132,13 +133,7 @@ class PowerTerm(nn.Module):
                 raise ValueError(f'{file}: drive {drive!r} is none of {known}')
             columns[owner[0]].append(column)
         parts = [
-            DriveTypeLstm(
-                own,
-                {
-                    part: tensors[f'{name}/{part}']
-                    for part in ('input', 'recurrent', 'bias', 'output', 'output_bias')
-                },
-            )
+            DriveTypeLstm(own, {part: tensors[f'{name}/{part}'] for part in PARTS})
             for name, own in columns.items()
             if own
         ]

@@ -17,7 +17,6 @@ from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign
-from power_estimator.evaluation.traces import Traces, traces
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.result import JudgedModel
 from power_estimator.loader import PLAIN, load_model
@@ -230,16 +229,14 @@ class CrossValidation:
             self.config, tuple(networks), recordings, about, version('power_estimator')
         )
 
-    def test(self, checkpoint: Checkpoint, judge: Judge) -> tuple[tuple[JudgedModel, ...], Traces]:
-        """Judge a fold's networks, all proxies and the plain model on its test part.
+    def test(self, checkpoint: Checkpoint, judge: Judge) -> tuple[JudgedModel, ...]:
+        """Judge a fold's networks, which come first, all proxies and the plain model.
 
-        judge: of the recordings that were trained on. Returns the models, the network first, and
-        the traces for a figure.
+        They are judged on the fold's test part; judge: of the recordings that were trained on.
         """
         models: list[PowerModel] = [PowerPredictionNetwork(checkpoint)]
         models += [load_model(name) for name in (*PROXIES, PLAIN)]
-        judged = judge.compare(models, types=self.types, supply=True)
-        return judged, traces(judge, judged)
+        return judge.compare(models, types=self.types, supply=True)
 
     def _intervals(self, network: Network, labels: NDArray[np.int8]) -> Intervals | None:
         ppn = PowerPredictionNetwork(Checkpoint(self.config, (network,)))
