@@ -154,8 +154,7 @@ def describe(path: Path) -> TrainingRecording:
     for file in files:
         try:
             with file.open('rb') as stream:
-                while block := stream.read(1 << 20):
-                    digest.update(block)
+                hashlib.file_digest(stream, lambda: digest)  # adds to that of the files before
         except OSError as error:
             raise InputError(f'{path}: cannot be read ({error.strerror})') from None
     folder = path if path.is_dir() else path.parent

@@ -121,10 +121,6 @@ def replay(parser: ArgumentParser, args: Arguments) -> Namespace:
     return parser.parse_args(args)
 
 
-HIDDEN = (8, 16, 32, 64, 100, 150)
-HISTORY = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
-
-
 @entry_point(
     'power_estimator.commands.sweep:run',
     'Train networks of several sizes (with carried state) and, at 100 units, of '
@@ -138,8 +134,9 @@ def sweep(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_workplace(parser, 'networks')
     add_cross_validation(parser, folds=1)
     add = parser.add_argument
-    add('--hidden', nargs='+', type=int, default=HIDDEN, metavar='N', help='hidden units')
-    add('--history', nargs='+', type=float, default=HISTORY, metavar='S', help='seconds')
+    units, seconds = (8, 16, 32, 64, 100, 150), (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
+    add('--hidden', nargs='+', type=int, default=units, metavar='N', help='hidden units')
+    add('--history', nargs='+', type=float, default=seconds, metavar='S', help='seconds')
     return parser.parse_args(args)
 
 

@@ -94,11 +94,12 @@ def _score(result: Result, kind: str) -> str:
 
 
 def _draw(path: Path, results: Sequence[Result], *, dark: bool = False) -> None:
-    """Draw R² above and µs per sample below, over units at left and history at right."""
-    carried = sorted((r for r in results if r.point.history is None), key=lambda r: r.point.hidden)
-    windows = sorted(
-        (r for r in results if r.point.history is not None), key=lambda r: r.point.history or 0
-    )
+    """Draw R² above and µs per sample below, over units at left and history at right.
+
+    results: by ascending units and by ascending history, as `Sweep.run` yields them.
+    """
+    carried = [r for r in results if r.point.history is None]
+    windows = [r for r in results if r.point.history is not None]
     whole = next((r for r in carried if r.point.hidden == CHOSEN.hidden), None)
     units = [float(r.point.hidden) for r in carried]
     seconds = [(r.point.history or 0) / CHOSEN.rate for r in windows]

@@ -2,10 +2,10 @@
 
 from collections import deque
 from collections.abc import Mapping
+from statistics import fmean
 from typing import Final
 
 import numpy as np
-from wattwalk_core.arrays import Floats
 from wattwalk_core.recent_power import SECONDS, budget_figures
 
 from power_estimator.effects.split import SHAFT
@@ -23,9 +23,7 @@ class LiveBudget:
     """
 
     def __init__(self) -> None:
-        self._names: tuple[str, ...] = ()
-        self._rows: deque[tuple[int, Floats]] = deque()
-        self._sum: Floats = np.zeros(0)
+        self._rows: deque[tuple[int, Mapping[str, float]]] = deque()  # stamps, W by part
 
     def take(self, estimate: Estimate) -> None:
         """Take the next estimate; those whose status is not OK do not count."""
@@ -38,16 +36,13 @@ class LiveBudget:
             back = float(np.minimum(np.nan_to_num(estimate.parts[SHAFT]), 0.0).sum())
             watts[SHAFT] -= back
             watts[REGENERATION] = back
-        names, row = tuple(watts), np.array([*watts.values()], np.float64)
-        if names != self._names or (self._rows and estimate.stamp < self._rows[-1][0]):
-            self._names = names
-            self._rows.clear()
-        if not self._rows:
-            self._sum = np.zeros(len(names))
-        self._rows.append((estimate.stamp, row))
-        self._sum += row
+        if self._rows:
+            last, before = self._rows[-1]
+            if estimate.stamp < last or watts.keys() != before.keys():
+                self._rows.clear()
+        self._rows.append((estimate.stamp, watts))
         while estimate.stamp - self._rows[0][0] >= SECONDS * _SECOND:
-            self._sum -= self._rows.popleft()[1]
+            self._rows.popleft()
 
     @property
     def seconds(self) -> float:
@@ -59,7 +54,7 @@ class LiveBudget:
         """Mean power by part, W, the largest first; empty before the first estimate."""
         if not self._rows:
             return {}
-        means = dict(zip(self._names, (self._sum / len(self._rows)).tolist(), strict=True))
+        means = {part: fmean(own[part] for _, own in self._rows) for part in self._rows[0][1]}
         return dict(sorted(means.items(), key=lambda item: -item[1]))
 
     def report(self) -> tuple[str, dict[str, str]]:

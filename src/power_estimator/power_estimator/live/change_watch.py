@@ -118,10 +118,15 @@ class ShiftDetector:
         """
         for drive, (own, noise) in enumerate(zip(left, self.noise, strict=True)):
             before, self._last[drive] = self._last[drive], own
-            if own is not None:
-                rho = noise.correlation
-                alone = np.sqrt(1.0 - rho**2) * own
-                self._bet(drive, alone if before is None else own - rho * before)
+            if own is None:
+                continue
+            rho = noise.correlation
+            innovation = np.sqrt(1.0 - rho**2) * own if before is None else own - rho * before
+            y = float(np.clip(innovation / noise.sigma, -CLIP, CLIP)) - noise.bias
+            gains = np.stack([log_e_values(one - noise.tolerance, noise) for one in (y, -y)])
+            self._log[drive] = np.logaddexp(self._log[drive], 0.0) + gains
+            self._sum[drive] = np.maximum(self._sum[drive] + gains.mean(axis=1), 0.0)
+            self.since[drive] = np.where(self._sum[drive] > 0.0, self.since[drive] + 1, 0)
         largest = float(self._log.max())
         if not np.isfinite(largest):
             return None
@@ -136,16 +141,6 @@ class ShiftDetector:
     def pause(self) -> None:
         """Treat the next block as one that does not follow the last."""
         self._last = [None] * len(self.noise)
-
-    def _bet(self, drive: int, innovation: float) -> None:
-        noise = self.noise[drive]
-        y = float(np.clip(innovation / noise.sigma, -CLIP, CLIP)) - noise.bias
-        for side, sign in enumerate((1.0, -1.0)):
-            gain = log_e_values(sign * y - noise.tolerance, noise)
-            self._log[drive, side] = np.logaddexp(self._log[drive, side], 0.0) + gain
-            total = max(self._sum[drive, side] + float(gain.mean()), 0.0)
-            self._sum[drive, side] = total
-            self.since[drive, side] = 0 if total == 0.0 else self.since[drive, side] + 1
 
 
 def log_e_values(y: float, noise: ReferenceNoise) -> Floats:

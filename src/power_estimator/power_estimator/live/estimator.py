@@ -23,6 +23,7 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 _BESIDE_CARRIED: Final = 0.1  # s, more than derivatives and springs look back
 LOSSES: Final = 'losses'
 """Part of a model that does not say which: its power less that of the shaft."""
+_MARGIN: Final = 0.05  # of a feature's range, outside of it
 _SETTLED: Final = 0.05  # share of a carried state that may stem from before the first sample
 
 
@@ -55,13 +56,13 @@ class NetworkStream:
         self._segment, self._seen = int(block.segment[-1]), x
         return np.repeat(self._bank.run(x, fresh), self._times, axis=0)
 
-    def outside(self, margin: float) -> bool:
+    def outside(self) -> bool:
         """Return whether the last block lies outside the training data.
 
-        It does by a feature beyond its range by more than margin of that range, or by its
+        It does by a feature beyond its range by more than 5 % of that range, or by its
         out-of-distribution score.
         """
-        slack = margin * (self._high - self._low)
+        slack = _MARGIN * (self._high - self._low)
         beyond = (self._seen < self._low - slack) | (self._seen > self._high + slack)
         return bool(beyond.any() or self._guard.unlike(self._seen).any())
 
@@ -91,7 +92,7 @@ class WindowStream:
         """Return the power in W [n, D] of the next block of n samples."""
         return self._model.predict(self._with_past(block))[-len(block.time) :]
 
-    def outside(self, margin: float) -> bool:
+    def outside(self) -> bool:
         """Return False: such models have no training data."""
         return False
 
@@ -134,9 +135,9 @@ class EffectStream(WindowStream):
         self.parts = dict(zip(found, parts.mean(axis=1), strict=True))
         return parts.sum(axis=0).astype(np.float32)
 
-    def outside(self, margin: float) -> bool:
+    def outside(self) -> bool:
         """Return whether the base model finds the last block outside its training data."""
-        return self._base is not None and self._base.outside(margin)
+        return self._base is not None and self._base.outside()
 
 
 def stream_of(
@@ -252,7 +253,6 @@ class LiveConfig(CheckedFields):
 
     period: Annotated[float, Quantity(0.005, 1.0, 's')] = 0.02  # between estimates
     command_timeout: Annotated[float, Quantity(0.01, 60.0, 's')] = 0.2  # until input is stale
-    margin: Annotated[float, Quantity(0.0, 10.0)] = 0.05  # of a feature's range, outside of it
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,6 @@ class LiveEstimator:
         needed = [name for name in _SIGNALS if name in inputs]
         self._needed = len(needed)
         self._signals = (*needed, *(set(needs.improved_by) - inputs))
-        self._rows = [_SIGNALS.index(name) for name in self._signals]
         self._stream = stream_of(model, drives, needs.rate)
         self._sampler = CausalSampler(needs.rate)
         self._waiting: deque[tuple[int, Floats]] = deque(maxlen=1000)
@@ -330,8 +329,9 @@ class LiveEstimator:
         if self._targets and self._command is None:
             return None
         target = self._unknown if self._command is None else self._command[1]
-        known = (position, velocity, torque, target, *self._supply)
-        signals = np.array([known[row] for row in self._rows])
+        given = (position, velocity, torque, target, *self._supply)
+        known = dict(zip(_SIGNALS, given, strict=True))
+        signals = np.array([known[name] for name in self._signals])
         if not np.isfinite(signals[: self._needed]).all():
             self.refused += 1
             return None
@@ -342,7 +342,12 @@ class LiveEstimator:
 
     def _advance(self, sample: LiveSample) -> Estimate | None:
         if sample.fresh:
-            self._begin(sample.stamp)
+            if not self._segment or sample.stamp < self._newest:
+                self._stream = stream_of(self._model, self.drives, self._rate)
+                self._origin = sample.stamp
+            self._block.clear()
+            self._since_fresh = 0
+            self._segment += 1
         self._block.append(sample)
         self._newest = sample.stamp
         self._since_fresh += 1
@@ -356,14 +361,6 @@ class LiveEstimator:
             parts = {SHAFT: shaft, LOSSES: power - shaft}
         self._block = []
         return Estimate(sample.stamp, power, self._status(sample.stamp), parts)
-
-    def _begin(self, stamp: int) -> None:
-        if not self._segment or stamp < self._newest:
-            self._stream = stream_of(self._model, self.drives, self._rate)
-            self._origin = stamp
-        self._block.clear()
-        self._since_fresh = 0
-        self._segment += 1
 
     def _dataset(self) -> AlignedDataset:
         stamps = np.array([sample.stamp for sample in self._block])
@@ -380,5 +377,4 @@ class LiveEstimator:
             return Status.INPUT_STALE
         if self._since_fresh < self._stream.warm_up + self._block_size or not self._stream.settled:
             return Status.WARMING_UP
-        outside = self._stream.outside(self._config.margin)
-        return Status.OUTSIDE_TRAINING_DATA if outside else Status.OK
+        return Status.OUTSIDE_TRAINING_DATA if self._stream.outside() else Status.OK

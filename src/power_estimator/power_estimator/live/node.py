@@ -54,7 +54,9 @@ class PowerEstimator(Node):
         model = load_model(spec)
         wanted = WatchConfig(rate, minutes) if watch else None
         self._kept = Path(kept) if watch and kept else None
-        known = self._kept and WatchReference.load(self._kept, model.name, WatchConfig.block)
+        known = None
+        if self._kept is not None:
+            known = WatchReference.load(self._kept, model.name, WatchConfig.block)
         self._learned = known is not None
         self._session = LiveSession(
             model,

@@ -9,7 +9,6 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-from power_estimator.drive_types import assign
 from power_estimator.live.budget import LiveBudget
 from power_estimator.live.change_watch import ChangeWatch, ReferenceNoise, Shift, WatchConfig
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator, Status
@@ -251,8 +250,8 @@ class LiveSession:
                 status, sentence = Status.INPUT_STALE, f'{topic} have stopped'
         if not sentence and 'joint_commands' in self.required:
             sentence = 'joint_commands are stale or have no targets'
-        inputs = ', '.join(self._model.needs.inputs)
-        sentence = sentence or f'the topics do not bring all of {inputs}'
+        elif not sentence:
+            sentence = f'the topics do not bring all of {", ".join(self._model.needs.inputs)}'
         figures = {
             'model': self._model.name,
             'drives': ' '.join(self.drives),
@@ -310,8 +309,8 @@ class LiveSession:
             if command is None or name in command.names
         ]
         if isinstance(self._model, PowerPredictionNetwork):
-            known = {c for columns in assign(drives, self._model.types).values() for c in columns}
-            drives = [name for column, name in enumerate(drives) if column in known]
+            types = self._model.types
+            drives = [name for name in drives if any(kind.matches(name) for kind in types)]
         if not drives:
             raise InputError(
                 f'{self._model.name} knows none of the joints that '

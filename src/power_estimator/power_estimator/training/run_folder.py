@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from wattwalk_core.tensors import SIZE, read_tensors
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_estimator.network.checkpoint import FILE, Checkpoint, TrainingRecording
-
-if TYPE_CHECKING:
-    from power_estimator.training.trainer import Trainer
+from power_estimator.training.trainer import Trainer
 
 CONFIG = 'config.yaml'
 RECORDINGS = 'recordings.yaml'
@@ -101,7 +99,7 @@ class NetworkRunFolder:
         """Write content to a file of the run as JSON; ValueError for NaN."""
         write_whole(self.path / file, json.dumps(content, indent=1, allow_nan=False) + '\n')
 
-    def finish(self, trainers: 'Mapping[Any, Trainer] | None' = None) -> None:
+    def finish(self, trainers: Mapping[Any, Trainer] | None = None) -> None:
         """Write the curves of trainers by job, and remove the files that only --resume needs."""
         if trainers is not None:
             curves = {j.name: [asdict(e) for e in t.history] for j, t in trainers.items()}

@@ -1,7 +1,7 @@
 """Training of one network: sequences in parallel, carried state, on one core and repeatable."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -132,12 +132,10 @@ class Trainer:
     def epoch(self) -> Epoch:
         """Pass once over the training data, validate, and return the result."""
         number = len(self.history) + 1
-        self._carried = None
-        rng = np.random.default_rng([self.config.seed, number])
-        losses = [self._update(*chunks) for chunks in self._chunks(number, rng)]
+        loss = self._pass(number)
         r2 = self.validate()
         best = r2 > max((e.r2 for e in self.history), default=-math.inf)
-        result = Epoch(number, float(np.mean(losses)), r2, best)
+        result = Epoch(number, loss, r2, best)
         if best:
             self.best = self.network.weights()
         self.history.append(result)
@@ -214,14 +212,15 @@ class Trainer:
         }
         self.network.load_state_dict({k: torch.tensor(v) for k, v in arrays.items()})
 
-    def _chunks(
-        self, number: int, rng: np.random.Generator
-    ) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor, float]]:
-        """Yield views, signs, first rows and resets [B] of the next chunks, and learning rates."""
+    def _pass(self, number: int) -> float:
+        """Update on all chunks of an epoch in their order; return the mean loss."""
+        self._carried = None
+        rng = np.random.default_rng([self.config.seed, number])
         starts, fresh = plan(self._training.edges, self.config, rng)
         count = len(self._training.features)
         views: NDArray[np.int64] = np.zeros(starts.shape[1], np.int64)
         signs: Singles = np.ones(starts.shape[1], np.float32)
+        losses = []
         for step, (rows, new) in enumerate(zip(starts, fresh, strict=True)):
             views = np.where(new, rng.integers(count, size=len(new)), views)
             if self.config.mirror:
@@ -231,7 +230,8 @@ class Trainer:
             low, high = self.config.final_learning_rate, self.config.learning_rate
             rate = low + (high - low) * (1 + math.cos(math.pi * done)) / 2
             view, sign, row, drop = map(torch.from_numpy, (views, signs, rows, new))
-            yield view, sign, row, drop, rate
+            losses.append(self._update(view, sign, row, drop, rate))
+        return float(np.mean(losses))
 
     def _update(
         self, views: Tensor, signs: Tensor, rows: Tensor, fresh: Tensor, rate: float
