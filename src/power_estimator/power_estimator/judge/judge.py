@@ -178,9 +178,9 @@ class Judge:
                 f'{" and ".join(shown)} may be judged on'
             )
         kinds = tuple(types) or infer_types(self.prepared.names)
+        found = [replace(one, residual=np.where(common, one.residual, np.nan)) for one in found]
         return tuple(
-            self._judged(model, name, one, common, kinds, supply)
-            for model, name, one in zip(models, shown, found, strict=True)
+            self._judged(*one, kinds, supply) for one in zip(models, shown, found, strict=True)
         )
 
     @cached_property
@@ -198,13 +198,10 @@ class Judge:
         model: PowerModel,
         name: str,
         found: HeldOut,
-        common: Bools,
         types: Sequence[DriveType],
         supply: bool,
     ) -> JudgedModel:
-        measured = found.measured
-        residual = np.where(common, found.residual, np.nan)
-        estimated, names = measured - residual, self.prepared.names
+        measured, estimated, names = found.measured, found.estimated, self.prepared.names
         limits = None
         if isinstance(model, PowerPredictionNetwork) and not self.prepared.whole:
             limits = model.interval(estimated.astype(np.float32), names)
@@ -215,22 +212,19 @@ class Judge:
                 return found
             return coverage(found, measured[:, columns], *(end[:, columns] for end in limits))
 
-        there = [column for column in range(len(names)) if common[:, column].any()]
+        there = np.flatnonzero(np.isfinite(found.residual).any(axis=0)).tolist()
         kinds = {
             kind: [c for c in own if c in there] for kind, own in assign(names, types).items()
         }
         return JudgedModel(
-            measured,
-            residual,
-            found.delays,
-            found.how,
+            **vars(found),
             name=name,
             effects=model.effects if isinstance(model, EffectModel) else (),
             at_bound=model.at_bound if isinstance(model, EffectModel) else (),
             drives={names[column]: scored([column]) for column in range(len(names))},
             types={kind: scored(own) for kind, own in kinds.items() if own},
             total=self._spread(*(v[:, there].sum(axis=1) for v in (measured, estimated))),
-            supply=supply_score(self._estimator, model, residual) if supply else None,
+            supply=supply_score(self._estimator, model, found.residual) if supply else None,
         )
 
     def _spread(self, measured: Floats, estimated: Floats) -> Score:

@@ -136,9 +136,8 @@ class Sweep:
         self._training = training
         longest = max(point.network().history for point in wanted)
         self._protocol = Protocol(segments, folds, longest)
-        settings = JudgeSettings()
-        settling = max(settings.settling, longest / CHOSEN.rate)
-        self._judge = Judge(recordings, settings=replace(settings, settling=settling))
+        settling = max(JudgeSettings.settling, longest / CHOSEN.rate)
+        self._judge = Judge(recordings, settings=JudgeSettings(settling=settling))
 
     def run(
         self,

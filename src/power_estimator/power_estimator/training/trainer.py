@@ -112,9 +112,8 @@ class Trainer:
         self._training = training
         self._x, self._y = self._scaled(training)
         windows = config.reset_probability == 1
-        validation = validation.cut(config.chunk) if windows else validation
-        self._validation = validation
-        self._x_validation, _ = self._scaled(validation)
+        self._validation = validation.cut(config.chunk) if windows else validation
+        self._x_validation, _ = self._scaled(self._validation)
         self.network = PowerLstm(hidden)
         self._initialise(hidden)
         self._optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
