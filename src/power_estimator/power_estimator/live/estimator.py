@@ -3,11 +3,12 @@
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from power_recordings.alignment.align import join
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
@@ -99,7 +100,14 @@ class WindowStream:
     def _with_past(self, block: AlignedDataset) -> AlignedDataset:
         before = self._window
         if before is not None and before.segment[-1] == block.segment[0]:
-            block = _joined(before.rows(slice(-self._rows, None)), block)
+            both = join([before.rows(slice(-self._rows, None)), block])
+            block = replace(
+                both,
+                segment=np.full_like(both.segment, block.segment[0]),
+                recording=np.full_like(both.recording, block.recording[0]),
+                recordings=block.recordings,
+                notes=block.notes,
+            )
         self._window = block
         return block
 
@@ -152,19 +160,6 @@ def stream_of(
     if isinstance(model, EffectModel):
         return EffectStream(model, drives, rate)
     return WindowStream(model, model.needs, rate)
-
-
-def _joined(before: AlignedDataset, block: AlignedDataset) -> AlignedDataset:
-    arrays: dict[str, Any] = {
-        f.name: np.concatenate([getattr(before, f.name), getattr(block, f.name)])
-        for f in fields(block)
-        if isinstance(getattr(block, f.name), np.ndarray)
-    }
-    extras = {
-        name: np.concatenate([before.extras[name], values])
-        for name, values in block.extras.items()
-    }
-    return replace(block, **arrays, extras=extras)
 
 
 _AHEAD: Final = 1.25e6  # ns, half the time between joint states at 400 Hz
