@@ -68,10 +68,9 @@ def assign(drives: Sequence[str], types: Sequence[DriveType]) -> dict[str, list[
     """Return {name of type: columns of its drives}; the first type that matches a drive counts."""
     columns: dict[str, list[int]] = {t.name: [] for t in types}
     for column, drive in enumerate(drives):
-        for t in types:
-            if t.matches(drive):
-                columns[t.name].append(column)
-                break
+        owner = next((t.name for t in types if t.matches(drive)), None)
+        if owner is not None:
+            columns[owner].append(column)
     return columns
 
 

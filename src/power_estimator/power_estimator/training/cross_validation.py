@@ -113,16 +113,13 @@ class CrossValidation:
 
     def trainer(self, job: Job) -> Trainer:
         """Return a new trainer of the job's network."""
-        labels = self.labels(job)
         seed = np.random.SeedSequence(
             [self.training.seed, job.fold, zlib.crc32(job.type.name.encode())]
         )
         try:
             return Trainer(
-                Tracks.join(self._stretches(job, labels, Part.TRAIN, self.training.chunk)),
-                Tracks.join(
-                    self._stretches(job, labels, Part.VALIDATION, self.config.warm_up + 8)
-                ),
+                Tracks.join(self._stretches(job, Part.TRAIN, self.training.chunk)),
+                Tracks.join(self._stretches(job, Part.VALIDATION, self.config.warm_up + 8)),
                 hidden=self.config.hidden,
                 warm_up=self.config.warm_up,
                 block=self.config.block,
@@ -217,7 +214,7 @@ class CrossValidation:
                 trainer.best,
             )
             intervals = self._intervals(network, labels)
-            score = self._out_of_distribution(job, labels)
+            score = self._out_of_distribution(job)
             networks.append(replace(network, intervals=intervals, out_of_distribution=score))
             held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
         about = {**asdict(self.training), **asdict(self.protocol), 'fold': fold}
@@ -249,14 +246,12 @@ class CrossValidation:
         )
         return Intervals.fit(measured, estimated)
 
-    def _out_of_distribution(
-        self, job: Job, labels: NDArray[np.int8]
-    ) -> OutOfDistributionScore | None:
+    def _out_of_distribution(self, job: Job) -> OutOfDistributionScore | None:
         block = self.config.block
-        found = []
-        for x, _ in self._stretches(job, labels, Part.TRAIN, block):
-            count = x.shape[1] // block
-            found.append(x[:, : count * block].reshape(-1, block, x.shape[2]))
+        found = [
+            x[:, : x.shape[1] // block * block].reshape(-1, block, x.shape[2])
+            for x, _ in self._stretches(job, Part.TRAIN, block)
+        ]
         if not found:
             return None
         return OutOfDistributionScore.fit(np.concatenate(found), self.training.mirror)
@@ -275,10 +270,8 @@ class CrossValidation:
             )
         return np.where(used, self.data.segment, -1)
 
-    def _stretches(
-        self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int
-    ) -> list[tuple[Singles, Singles]]:
-        found = []
+    def _stretches(self, job: Job, part: Part, shortest: int) -> list[tuple[Singles, Singles]]:
+        labels, found = self.labels(job), []
         for column in self._columns[job.type.name]:
             usable = self._measured[:, column] & np.isfinite(self._targets[:, column])
             there = np.where(usable, labels, Part.UNUSED)
