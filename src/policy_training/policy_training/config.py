@@ -232,8 +232,7 @@ class TrainingConfig:
 
     def content(self) -> dict[str, Any]:
         """Return keys and values as nested dicts, as a file has them."""
-        content: dict[str, Any] = asdict(self)  # type: ignore[call-overload]
-        return content
+        return asdict(self)  # type: ignore[call-overload, no-any-return]
 
     def save(self, path: Path) -> None:
         """Write a file that `load` reads back as an equal config."""

@@ -3,7 +3,6 @@
 import os
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Final
 
 from wattwalk_core.command import Arguments, entry_point
 from wattwalk_core.console import ending
@@ -21,7 +20,6 @@ examples:
       --tasks forward turn strafe=0,0.3,0 --unit 2 --json policies.json
   ros2 run policy_training evaluate --policies pmp --tasks forward --trials 0 --video walks
 """
-_DEFAULT_TASKS: Final = tuple(task.name for task in TASKS)
 
 
 @entry_point(
@@ -33,18 +31,13 @@ def evaluate(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--policies', nargs='+', default=[], metavar='DIR', help='names, folders or runs')
     add('--bags', nargs='+', default=[], metavar='NAME=BAG', help='recordings of running nodes')
-    add(
-        '--tasks', nargs='+', default=_DEFAULT_TASKS, metavar='TASK', help='NAME or NAME=VX,VY,YAW'
-    )
+    tasks = tuple(task.name for task in TASKS)
+    add('--tasks', nargs='+', default=tasks, metavar='TASK', help='NAME or NAME=VX,VY,YAW')
     add('--models', nargs='+', default=[], metavar='MODEL', help='power models to estimate with')
     add('--duration', type=float, default=12.0, metavar='S', help='of each task')
     add('--seed', type=int, default=1, help='of noise and ground')
-    add(
-        '--plant',
-        default='anymal_c_published',
-        metavar='FILE',
-        help='plant file, or a shipped plant',
-    )
+    plant = 'anymal_c_published'
+    add('--plant', default=plant, metavar='FILE', help='plant file, or a shipped plant')
     add('--unit', type=int, default=0, metavar='N', help='which unit of the robot')
     add('--rough', action='store_true', help='on rough ground rather than level')
     add('--ideal', action='store_true', help='give policies the true state, not what sensors read')
@@ -83,10 +76,9 @@ examples:
     _EXPORT,
 )
 def export(parser: ArgumentParser, args: Arguments) -> Namespace:
-    parser.add_argument('policy', metavar='POLICY', help='name, folder or run')
-    parser.add_argument(
-        '-o', '--output', type=ending('--output', '.pt'), required=True, metavar='FILE.pt'
-    )
+    add, file = parser.add_argument, ending('--output', '.pt')
+    add('policy', metavar='POLICY', help='name, folder or run')
+    add('-o', '--output', type=file, required=True, metavar='FILE.pt')
     return parser.parse_args(args)
 
 

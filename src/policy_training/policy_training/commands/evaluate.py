@@ -56,19 +56,17 @@ def _named_bag(text: str) -> tuple[str, Path]:
 
 def _print(console: Console, result: Mapping[str, Any]) -> None:
     errors = ('vx off', 'vy off', 'yaw off')
-    rows = []
-    for entry in result['policies']:
-        power = entry['power_w'] or {}
-        rows.append(
-            (
-                f'{entry["name"]}, {entry["task"]}',
-                *(_number(power.get(part), 0) for part in ('supply', *PARTS)),
-                _number(entry['estimated_w'], 0),
-                *(_number(error, 2) for error in entry['tracking'].values()),
-                _number(entry['cost_of_transport'], 2),
-                str(entry['falls']),
-            )
+    rows = [
+        (
+            f'{entry["name"]}, {entry["task"]}',
+            *(_number((entry['power_w'] or {}).get(part), 0) for part in ('supply', *PARTS)),
+            _number(entry['estimated_w'], 0),
+            *(_number(error, 2) for error in entry['tracking'].values()),
+            _number(entry['cost_of_transport'], 2),
+            str(entry['falls']),
         )
+        for entry in result['policies']
+    ]
     columns = ('policy, task', 'supply W', *PARTS, 'estimated', *errors, 'CoT', 'falls')
     print_table(console, columns, rows)
     for sentence in result['verdict']:

@@ -9,7 +9,6 @@ from policy_training.learning.run_folder import policy_source
 
 
 def run(options: argparse.Namespace) -> None:
-    folder = learned_folder(policy_source(options.policy))
-    contract = write_torchscript(folder, options.output)
+    contract = write_torchscript(learned_folder(policy_source(options.policy)), options.output)
     print(f'wrote {options.output} and {contract}')
     print(f'ros2 run policy_runner run --policy {options.output} --trust-code')

@@ -22,11 +22,10 @@ def run(options: argparse.Namespace) -> None:
         config, state = folder.resume()
         config = config.with_values(changes)
     learner = make_learner(config, options.device)
-    if state is not None:
-        with fitting_checkpoint():
+    with fitting_checkpoint():
+        if state is not None:
             learner.restore(state)
-    elif options.source is not None:
-        with fitting_checkpoint():
+        elif options.source is not None:
             learner.take_networks(read_checkpoint(options.source))
     if not options.resume:
         folder.start(config)
@@ -42,18 +41,15 @@ def _check_device(device: str) -> None:
 
 
 def _changes(options: argparse.Namespace) -> dict[str, Any]:
-    changes: dict[str, Any] = {
-        key: value
-        for key, value in (
-            ('seed', options.seed),
-            ('steps', options.steps),
-            ('power.model', options.power),
-            ('power.weight', options.weight),
-            ('physics.environments', options.environments),
-            ('physics.threads', options.threads),
-        )
-        if value is not None
+    given: dict[str, Any] = {
+        'seed': options.seed,
+        'steps': options.steps,
+        'power.model': options.power,
+        'power.weight': options.weight,
+        'physics.environments': options.environments,
+        'physics.threads': options.threads,
     }
+    changes = {key: value for key, value in given.items() if value is not None}
     for text in options.set:
         key, equals, value = text.partition('=')
         if not equals:

@@ -77,19 +77,14 @@ class Learner:
         self, config: TrainingConfig, environment: WalkingEnvironment, device: str = 'cpu'
     ) -> None:
         torch.manual_seed(config.seed)
-        self.config = config
-        self.environment = environment
-        self.device = device
+        self.config, self.environment, self.device = config, environment, device
         self.iteration = 0
         self._steps = 0  # at the end of the last whole round
         self._torch_environment = TorchEnvironment(environment, device)
         self._observations = self._torch_environment.get_observations()
         with contextlib.redirect_stdout(io.StringIO()):
             self.ppo: PPO = PPO.construct_algorithm(
-                self._observations,
-                self._torch_environment,
-                algorithm_settings(config),
-                device,
+                self._observations, self._torch_environment, algorithm_settings(config), device
             )
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
 
@@ -204,9 +199,11 @@ class Learner:
         values.update({f'loss/{name}': value for name, value in losses.items()})
         values['learning_rate'] = self.ppo.learning_rate
         values['action_std'] = float(self.ppo.get_policy().output_std.detach().mean())
-        values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
-        values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
-        return values
+        steps = config.ppo.steps * self.environment.count
+        return values | {
+            'rate/collect': steps / (collected - began),
+            'rate/all': steps / (ended - began),
+        }
 
 
 def _clip_advantages(advantages: torch.Tensor, most: float) -> None:

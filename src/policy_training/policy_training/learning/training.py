@@ -57,8 +57,7 @@ def export_policy(
 def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     """Return a learner with the environment and power source of a config; InputError if bad."""
     torch.set_num_threads(max(1, config.physics.threads or torch.get_num_threads()))
-    environment = WalkingEnvironment(config, power=power_source(config))
-    return Learner(config, environment, device)
+    return Learner(config, WalkingEnvironment(config, power=power_source(config)), device)
 
 
 def train(learner: Learner, folder: RunFolder, *, seconds: float | None = None) -> None:
