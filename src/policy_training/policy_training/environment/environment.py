@@ -23,20 +23,18 @@ class VelocityCommands:
     """Random commands of N robots, `values` [N, 3]: vx and vy in m/s, yaw rate in rad/s."""
 
     def __init__(self, config: CommandConfig, count: int, random: np.random.Generator) -> None:
-        self._config = config
-        self._random = random
+        self._config, self._random = config, random
         self._top = np.array([config.forward, config.lateral, config.yaw])
         self.values = np.zeros((count, 3))
 
     def draw(self, ids: NDArray[np.intp]) -> None:
         """Draw commands of the robots of these indices: along one axis, all axes, or standing."""
-        c, random, count = self._config, self._random, len(ids)
+        random, count = self._random, len(ids)
         values = random.uniform(-self._top, self._top, (count, 3))
-        kind = random.uniform(size=count)
-        axis = random.integers(3, size=count)
-        alone = kind < c.single
+        kind, axis = random.uniform(size=count), random.integers(3, size=count)
+        alone = kind < self._config.single
         values[alone] *= np.eye(3)[axis[alone]]
-        values[kind >= 1.0 - c.standing] = 0.0
+        values[kind >= 1.0 - self._config.standing] = 0.0
         values[np.linalg.norm(values, axis=1) < DEAD_ZONE] = 0.0
         self.values[ids] = values
 
@@ -82,22 +80,21 @@ class WalkingEnvironment:
         count = self.count = config.physics.environments
         self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
-        plant = Plant.load(config.physics.plant)
+        plant, step = Plant.load(config.physics.plant), config.step_time
         self._meter = PlantPower(plant, count, config.physics.timestep)
         self._metered = 0.0
         self.watts: NDArray[Any] = np.zeros((count, 12), np.float32)
-        self._rewards = Rewards(config.rewards, config.step_time)
-        self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
+        self._rewards = Rewards(config.rewards, step)
+        self._feet = FootClock(count, step, config.rewards.air_time_target)
         self.limiter = CommandRateLimiter(observation.command_rate_limit, count)
-        self._last_action = np.zeros((count, 12))
-        self._last_velocity = np.zeros((count, 12))
+        self._last_action, self._last_velocity = np.zeros((count, 12)), np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
-        self.longest = round(config.physics.episode / config.step_time)
-        self._new_command = round(config.commands.period / config.step_time)
-        self._new_push = round(config.random.push_period / config.step_time)
+        self.longest = round(config.physics.episode / step)
+        self._new_command = round(config.commands.period / step)
+        self._new_push = round(config.random.push_period / step)
         self._noise_level = self._noise_levels().astype(np.float32)
         self.motion: RobotMotion = self._start(np.arange(count))
-        self._sense(config.step_time)
+        self._sense(step)
         self.age[:] = self._random.integers(0, self.longest, count)
 
     @property
@@ -165,9 +162,8 @@ class WalkingEnvironment:
         self.steps += self.count
         disturbed = self._reset_and_disturb(done)
         self._sense(self.config.step_time)
-        return StepOutcome(
-            self.observe(), self.state(), reward, done, timed_out, disturbed & ~done, log
-        )
+        seen = self.observe(), self.state()
+        return StepOutcome(*seen, reward, done, timed_out, disturbed, log)
 
     def _sense(self, seconds: float) -> None:
         """Draw sensor noise and advance rate limiters."""
@@ -183,9 +179,8 @@ class WalkingEnvironment:
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
     def _reset_and_disturb(self, done: Bools) -> Bools:
-        over = np.flatnonzero(done)
-        if len(over):
-            self.motion = self._start(over)
+        if done.any():
+            self.motion = self._start(np.flatnonzero(done))
         fresh = (self.age % self._new_command == 0) & ~done
         if fresh.any():
             self.commands.draw(np.flatnonzero(fresh))
@@ -206,9 +201,8 @@ class WalkingEnvironment:
         self.limiter.values[ids] = 0.0
         if self.power is not None:
             self.power.reset(ids)
-        self._last_action[ids] = 0.0
-        self._last_velocity[ids] = 0.0
-        self.age[ids] = 0
+        for values in (self._last_action, self._last_velocity, self.age):
+            values[ids] = 0
         return self.robots.motion()
 
     def _noise_levels(self) -> Floats:
@@ -227,7 +221,7 @@ class WalkingEnvironment:
         log = {f'term/{name}': float(values.mean()) for name, values in terms.items()}
         log['reward'] = float(reward.mean())
         log['error/velocity'] = float(np.hypot(away[:, 0], away[:, 1]).mean())
-        log['error/vx'], log['error/vy'], log['error/yaw'] = (float(v) for v in means)
+        log['error/vx'], log['error/vy'], log['error/yaw'] = means.tolist()
         log['falls'] = float(motion.fallen.mean())
         if self.power is not None:
             log['power/watts'] = float(self.watts.sum(axis=1).mean())

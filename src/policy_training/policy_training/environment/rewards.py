@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -30,35 +29,33 @@ class RewardState:
     sigma: float  # width of the tracking rewards, (m/s)² or (rad/s)²
 
 
-REWARDS: Final[Mapping[str, Callable[[RewardState], Floats]]] = MappingProxyType(
-    {
-        # tracking of vx and vy, and of the yaw rate, 0..1
-        'tracking_lin_vel': lambda s: np.exp(
-            -_square_sum(s.command[:, :2] - s.motion.velocity[:, :2]) / s.sigma
-        ),
-        'tracking_ang_vel': lambda s: np.exp(
-            -np.square(s.command[:, 2] - s.motion.rate[:, 2]) / s.sigma
-        ),
-        # squared vertical velocity, m²/s²
-        'lin_vel_z': lambda s: np.square(s.motion.velocity[:, 2]),
-        # squared roll and pitch rate, rad²/s²
-        'ang_vel_xy': lambda s: _square_sum(s.motion.rate[:, :2]),
-        # squared sine of the tilt
-        'orientation': lambda s: _square_sum(s.motion.gravity[:, :2]),
-        # squared torques on the joints, (N·m)²
-        'torques': lambda s: _square_sum(s.motion.torque),
-        # squared accelerations of the joints, rad²/s⁴
-        'dof_acc': lambda s: _square_sum(s.acceleration),
-        # time in the air beyond the target of feet that land while walking, s
-        'feet_air_time': lambda s: s.flight * s.walking,
-        # number of thighs and shanks on the ground
-        'collision': lambda s: s.motion.collisions,
-        # squared change of the actions
-        'action_rate': lambda s: _square_sum(s.action - s.last_action),
-        # distance from the default pose of robots that are to stand, rad
-        'stand_still': lambda s: np.abs(s.motion.position - DEFAULT_POSE).sum(axis=1) * ~s.walking,
-    }
-)
+REWARDS: Final[Mapping[str, Callable[[RewardState], Floats]]] = {
+    # tracking of vx and vy, and of the yaw rate, 0..1
+    'tracking_lin_vel': lambda s: np.exp(
+        -_square_sum(s.command[:, :2] - s.motion.velocity[:, :2]) / s.sigma
+    ),
+    'tracking_ang_vel': lambda s: np.exp(
+        -np.square(s.command[:, 2] - s.motion.rate[:, 2]) / s.sigma
+    ),
+    # squared vertical velocity, m²/s²
+    'lin_vel_z': lambda s: np.square(s.motion.velocity[:, 2]),
+    # squared roll and pitch rate, rad²/s²
+    'ang_vel_xy': lambda s: _square_sum(s.motion.rate[:, :2]),
+    # squared sine of the tilt
+    'orientation': lambda s: _square_sum(s.motion.gravity[:, :2]),
+    # squared torques on the joints, (N·m)²
+    'torques': lambda s: _square_sum(s.motion.torque),
+    # squared accelerations of the joints, rad²/s⁴
+    'dof_acc': lambda s: _square_sum(s.acceleration),
+    # time in the air beyond the target of feet that land while walking, s
+    'feet_air_time': lambda s: s.flight * s.walking,
+    # number of thighs and shanks on the ground
+    'collision': lambda s: s.motion.collisions,
+    # squared change of the actions
+    'action_rate': lambda s: _square_sum(s.action - s.last_action),
+    # distance from the default pose of robots that are to stand, rad
+    'stand_still': lambda s: np.abs(s.motion.position - DEFAULT_POSE).sum(axis=1) * ~s.walking,
+}
 """Functions of a state that give a reward before weighting [N], by the names of their weights."""
 
 

@@ -50,10 +50,8 @@ class BatchDrives:
         p = plant.resolve(JOINT_NAMES)
         if not plant.effects.spring.enabled:
             inertia = p['rotor_inertia'] * plant.effects.rotor_inertia.scale
-            p |= {
-                'spring_stiffness': np.full(12, _RIGID),
-                'rotor_inertia': np.maximum(inertia, _LIGHTEST),
-            }
+            p['spring_stiffness'] = np.full(12, _RIGID)
+            p['rotor_inertia'] = np.maximum(inertia, _LIGHTEST)
             plant = plant.with_effects(spring=True, rotor_inertia=True)
         rub = spread.drive_friction
         widths = dict.fromkeys(('coulomb', 'stribeck', 'viscous', 'load_friction'), rub)
@@ -66,13 +64,9 @@ class BatchDrives:
         self.output_inertia = p['output_inertia']
         self._substeps = max(1, round(timestep / _STEP))
         self._step = timestep / self._substeps
-        drives = self._drives = Drives(
-            replace(plant, command_delay=0.0),
-            JOINT_NAMES * count,
-            self._step,
-            1,
-            {name: values.ravel() for name, values in p.items()},
-        )
+        prompt = replace(plant, command_delay=0.0)
+        flat = {name: values.ravel() for name, values in p.items()}
+        drives = self._drives = Drives(prompt, JOINT_NAMES * count, self._step, 1, flat)
         drives.gains = tuple(vary(gain, spread.stiffness).ravel() for gain in drives.gains)
         soonest, latest = plant.command_delay + spread.delay * np.array([-1.0, 1.0])
         delay = random.uniform(max(soonest, 0.0), latest, count)
@@ -81,8 +75,7 @@ class BatchDrives:
         self._spring = drives.stiffness.reshape(shape)
         self._damper = drives.damping.reshape(shape)
         self.joint_damping: Floats = self._damper + 0.5 * timestep * self._spring
-        self.target = np.zeros(shape)
-        self.commanded = np.zeros(shape)
+        self.target, self.commanded = np.zeros(shape), np.zeros(shape)
         self._sent = np.zeros((int(self._delay.max(initial=0)) + 1, *shape))
         self._steps = 0
         self._given: Floats = np.zeros(shape)
@@ -186,8 +179,7 @@ class Relief:
         self._half = terrain.extent / 2
         self._cells = len(self._heights) - 1
         self._cell = terrain.extent / self._cells
-        span = round(_NEAR / self._cell) | 1
-        self._highest = maximum_filter(self._heights, size=span)
+        self._highest = maximum_filter(self._heights, size=round(_NEAR / self._cell) | 1)
         self.reach = self._half - _RIM
 
     def at(self, where: Floats) -> tuple[Floats, Floats]:
@@ -205,15 +197,14 @@ class Relief:
         corner = np.where(upper, self._heights[row + 1, column], self._heights[row, column + 1])
         along_x = np.where(upper, high - corner, corner - low)
         along_y = np.where(upper, corner - low, high - corner)
-        height: Floats = low + along_x * u + along_y * v
-        return height, np.stack([along_x, along_y], axis=-1) / self._cell
+        slope = np.stack([along_x, along_y], axis=-1) / self._cell
+        return low + along_x * u + along_y * v, slope
 
     def above(self, where: Floats) -> Floats:
         """Return the highest ground near places x, y in m [N, 2], m [N]."""
         index = np.rint((where + self._half) / self._cell).astype(np.intp)
         column, row = np.clip(index, 0, self._cells).T
-        height: Floats = self._highest[row, column]
-        return height
+        return np.asarray(self._highest[row, column])
 
 
 _NEEDLESS: Final = mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -262,16 +253,10 @@ class Robots:
         self, physics: PhysicsConfig, spread: RandomConfig, random: np.random.Generator
     ) -> None:
         count = physics.environments
-        self.count = count
-        self.decimation = physics.decimation
-        self._random = random
-        self._spread = spread
-        terrain = Terrain(
-            noise=physics.noise,
-            slope=physics.slope,
-            extent=physics.extent,
-            seed=int(random.integers(2**31)),
-        )
+        self.count, self.decimation = count, physics.decimation
+        self._random, self._spread = random, spread
+        seed = int(random.integers(2**31))
+        terrain = Terrain(physics.noise, physics.slope, extent=physics.extent, seed=seed)
         plant = Plant.load(physics.plant)
         self.drives = BatchDrives(plant, count, physics.timestep, spread, random)
         spec = build_spec(armature=0.0, timestep=physics.timestep, contact_sensors=True)
@@ -286,9 +271,8 @@ class Robots:
         batch.expand('geom_friction')[..., 0] = random.uniform(
             spread.friction_low, spread.friction_high, (count, 1)
         )
-        payload = random.uniform(-spread.payload, spread.payload, count)
         mass = batch.expand('body_mass')
-        mass[:, 1] += payload
+        mass[:, 1] += random.uniform(-spread.payload, spread.payload, count)
         batch.set_const()
         self.mass: Floats = mass.sum(axis=1)
         self._qpos, self._qvel = batch.bind('qpos'), batch.bind('qvel')
@@ -308,11 +292,12 @@ class Robots:
         rough = (random.random(count) >= spread.resting)[:, None]
         bent, moving = spread.pose * rough, spread.velocity * rough
         pose = DEFAULT_POSE * random.uniform(1 - bent, 1 + bent, (count, 12))
-        where = random.uniform(-self._ground.relief.reach, self._ground.relief.reach, (count, 2))
+        relief = self._ground.relief
+        where = random.uniform(-relief.reach, relief.reach, (count, 2))
         heading = random.uniform(-np.pi, np.pi, count)
         self._qpos[ids, :2] = where
         drop = np.where(rough[:, 0], _DROP, 0.0)
-        self._qpos[ids, 2] = self._ground.relief.above(where) + STANDING_HEIGHT + drop
+        self._qpos[ids, 2] = relief.above(where) + STANDING_HEIGHT + drop
         self._qpos[ids, 3:7] = 0.0
         self._qpos[ids, 3], self._qpos[ids, 6] = np.cos(heading / 2), np.sin(heading / 2)
         self._qpos[ids, 7:] = pose
@@ -341,15 +326,9 @@ class Robots:
             self._batch.step()
             output = drives.output(velocity)
             squares += output * output
-            self.substeps.append(
-                Substep(
-                    position_error=drives.commanded - position,
-                    torque=output,
-                    velocity=velocity.copy(),
-                    motor=motor,
-                    rotor_speed=drives.rotor_speed,
-                )
-            )
+            away = drives.commanded - position
+            signals = away, output, velocity.copy(), motor, drives.rotor_speed
+            self.substeps.append(Substep(*signals))
         return self.motion(np.sqrt(squares / self.decimation))
 
     def motion(self, torque: Floats | None = None) -> RobotMotion:
