@@ -25,11 +25,7 @@ from policy_training.evaluation.measured_walk import (
     idle_power,
     measure_walk,
 )
-from policy_training.evaluation.robustness import (
-    LIMITS,
-    RobustnessConfig,
-    evaluate_robustness,
-)
+from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
 from policy_training.evaluation.tasks import AXES, Task
 
 
@@ -58,17 +54,11 @@ def _compare(entry: Mapping[str, Any], first: Mapping[str, Any]) -> str:
     who = f'{entry["name"]} on {entry["task"]}'
     if not entry['power_w'] or not first['power_w']:
         return f'{who}: nothing to compare, no steady walking.'
-    astray = [
-        axis
-        for axis, limit in zip(AXES, LIMITS, strict=True)
-        if abs(entry['tracking'][axis]) > limit
-    ]
+    limits = dict(zip(AXES, LIMITS, strict=True))
+    astray = [axis for axis in AXES if abs(entry['tracking'][axis]) > limits[axis]]
     here, there = entry['power_w'], first['power_w']
-    parts = [
-        f'{kind} {_change(kind, entry, first)}'
-        for kind in ('KFE', 'HFE', 'HAA')
-        if there[kind] > 1.0
-    ]
+    kinds = [kind for kind in ('KFE', 'HFE', 'HAA') if there[kind] > 1.0]
+    parts = [f'{kind} {_change(kind, entry, first)}' for kind in kinds]
     text = (
         f'{who} draws {_change("supply", entry, first)} at the supply '
         f'({here["supply"]:.0f} W against {there["supply"]:.0f} W of {first["name"]}; '
@@ -139,15 +129,12 @@ def score_walk(
         'idle': idle,
         **{kind: watts - idle / len(JOINT_TYPES) for kind, watts in drawn.items()},
     }
-    halves = {'supply': _half_width(walk, walk.data.supply)} | {
-        kind: _half_width(walk, walk.data.power[:, columns_of(walk.data, kind)].sum(axis=1))
-        for kind in JOINT_TYPES
-    }
-    entry['power_interval_w'] = {
-        part: [entry['power_w'][part] - half, entry['power_w'][part] + half]
-        for part, half in halves.items()
-        if half is not None
-    }
+    series = {kind: walk.data.power[:, columns_of(walk.data, kind)] for kind in JOINT_TYPES}
+    totals = {kind: power.sum(axis=1) for kind, power in series.items()}
+    for part, power in {'supply': walk.data.supply, **totals}.items():
+        half, mean = _half_width(walk, power), entry['power_w'][part]
+        if half is not None:
+            entry['power_interval_w'][part] = [mean - half, mean + half]
     entry['estimates'] = {}
     for name, model in models.items():
         data, rows = (walk.data, steady) if model.needs.smooth else (walk.raw, walk.raw_steady)
@@ -161,23 +148,24 @@ def score_walk(
         entry['cost_of_transport'] = supply / (walk.mass * GRAVITY * speed)
     entry['gait'] = gait_of(walk)
     entry['smoothness'] = _smoothness(walk)
-    found: dict[str, Any] = finite(entry)
-    return found
+    return dict(finite(entry))
 
 
 def _smoothness(walk: MeasuredWalk) -> dict[str, float]:
-    raw, steady = walk.raw, walk.raw_steady
-    kfe = columns_of(raw, 'KFE')
-    torque = raw.torque[steady].astype(np.float64)
-    velocity = raw.velocity[steady].astype(np.float64)
+    raw, kfe = walk.raw, columns_of(walk.raw, 'KFE')
+    torque, velocity = raw.torque[walk.raw_steady], raw.velocity[walk.raw_steady]
     jumps = np.abs(np.diff(raw.command.astype(np.float64), axis=0)).sum(axis=0) * RAW_RATE
     return {
-        'torque_rms_nm': float(np.sqrt(np.mean(np.square(torque)))),
-        'kfe_torque_rms_nm': float(np.sqrt(np.mean(np.square(torque[:, kfe])))),
-        'kfe_velocity_rms': float(np.sqrt(np.mean(np.square(velocity[:, kfe])))),
+        'torque_rms_nm': _rms(torque),
+        'kfe_torque_rms_nm': _rms(torque[:, kfe]),
+        'kfe_velocity_rms': _rms(velocity[:, kfe]),
         'kfe_torque_above_20_hz': fast_share(walk),
         'target_change_per_s': float(jumps.mean() / len(raw.command)),
     }
+
+
+def _rms(values: NDArray[np.floating]) -> float:
+    return float(np.sqrt(np.mean(np.square(values.astype(np.float64)))))
 
 
 def _of_type(walk: MeasuredWalk, power: NDArray[np.floating], kind: str) -> float:

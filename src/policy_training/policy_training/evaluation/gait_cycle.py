@@ -47,8 +47,7 @@ def find_steps(force: Floats, steady: Bools) -> list[tuple[int, int, int]]:
     for start, stop in pairwise(downs.tolist()):
         lifted = ups[(ups > start) & (ups < stop)]
         length = (stop - start) / RAW_RATE
-        whole = bool(steady[start:stop].all())
-        if whole and len(lifted) == 1 and _SHORTEST <= length <= _LONGEST:
+        if steady[start:stop].all() and len(lifted) == 1 and _SHORTEST <= length <= _LONGEST:
             strides.append((start, int(lifted[0]), stop))
     return strides
 
@@ -112,10 +111,8 @@ def cycle_of(walk: MeasuredWalk) -> Cycle | None:
         for name, values in signals.items()
     }
     mean = {name: np.mean(cycles, axis=0) for name, cycles in rows.items()}
-    low, high = (
-        {name: np.quantile(cycles, share, axis=0) for name, cycles in rows.items()}
-        for share in (0.1, 0.9)
-    )
+    low = {name: np.quantile(cycles, 0.1, axis=0) for name, cycles in rows.items()}
+    high = {name: np.quantile(cycles, 0.9, axis=0) for name, cycles in rows.items()}
     stance = np.mean([(up - down) / (then - down) for down, up, then in strides])
     return Cycle(phase, float(stance), mean, low, high)
 

@@ -109,7 +109,7 @@ def recorded_walk(path: Path, policy: str) -> MeasuredWalk:
     )
     if not len(rows):
         raise InputError(f'{path}: cmd_vel never asks the robot to move')
-    vx, vy, yaw = (float(value) for value in rows[np.argmax(counts)])
+    vx, vy, yaw = rows[np.argmax(counts)].tolist()
     known = {task.command: task.name for task in TASKS}
     task = Task(known.get((vx, vy, yaw), f'{vx:g},{vy:g},{yaw:g}'), (vx, vy, yaw))
     return walk_of(recording, policy, task, falls=_falls(recording), mass=ROBOT_MASS)
@@ -165,9 +165,8 @@ def _steady(data: AlignedDataset, velocity: Floats, held: Bools) -> Bools:
     usable = held & inner
     if not usable.any():
         return usable
-    middle = np.median(smooth[usable], axis=0)
-    steady: Bools = usable & (np.abs(smooth - middle) < _STEADY).all(axis=1)
-    return steady
+    away = np.abs(smooth - np.median(smooth[usable], axis=0))
+    return np.asarray(usable & (away < _STEADY).all(axis=1))
 
 
 def _falls(recording: Recording) -> int:

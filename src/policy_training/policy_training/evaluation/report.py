@@ -88,15 +88,8 @@ def gait_cycles(cycles: Mapping[str, Cycle], color_of: Mapping[str, str]) -> Fig
             )
             mean = go.Scatter(x=phase, y=short(cycle.mean[key]), line={'color': color, 'width': 2})
             figure.add_traces([band, mean], rows=[row] * 2, cols=[column] * 2)
-            figure.add_vrect(
-                x0=0.0,
-                x1=cycle.stance,
-                fillcolor=COLORS['grid'],
-                layer='below',
-                line_width=0,
-                row=row,
-                col=column,
-            )
+            shade = {'fillcolor': COLORS['grid'], 'layer': 'below', 'line_width': 0}
+            figure.add_vrect(x0=0.0, x1=cycle.stance, **shade, row=row, col=column)
     for row, title in enumerate(_SIGNALS.values(), start=1):
         figure.update_yaxes(title_text=title, row=row, col=1)
     figure.update_xaxes(title_text='gait cycle', row=len(_SIGNALS))
@@ -113,6 +106,7 @@ def pareto_front(entries: Sequence[Mapping[str, Any]], color_of: Mapping[str, st
         rows = [entry for entry in entries if entry['task'] == task and entry['power_w']]
         off = [entry['tracking'] for entry in rows]
         errors = [hypot(one['vx'], one['vy']) for one in off], [abs(one['yaw']) for one in off]
+        colors = [color_of[entry['name']] for entry in rows]
         for column, values in enumerate(errors, start=1):
             points = go.Scatter(
                 x=_numbers(values),
@@ -123,11 +117,7 @@ def pareto_front(entries: Sequence[Mapping[str, Any]], color_of: Mapping[str, st
                 legendgroup=task,
                 showlegend=column == 1,
                 mode='markers',
-                marker={
-                    'size': 11,
-                    'symbol': symbol,
-                    'color': [color_of[entry['name']] for entry in rows],
-                },
+                marker={'size': 11, 'symbol': symbol, 'color': colors},
                 hovertemplate='%{text}: %{y:.0f} W<extra>' + task + '</extra>',
             )
             figure.add_trace(points, row=1, col=column)

@@ -53,11 +53,7 @@ class RobustnessResult:
 
 
 def evaluate_robustness(
-    contract: Contract,
-    network: Network,
-    config: RobustnessConfig,
-    *,
-    threads: int = 0,
+    contract: Contract, network: Network, config: RobustnessConfig, *, threads: int = 0
 ) -> RobustnessResult:
     """Evaluate a learned policy with the noise, spread of drives, delays and pushes of training.
 
@@ -81,8 +77,7 @@ def evaluate_robustness(
         fell[index] = outcome.done & ~outcome.timed_out
         motion = environment.motion
         reached[index] = np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
-    pushed = np.zeros_like(fell)
-    every = round(environment.config.random.push_period / step)
+    pushed, every = np.zeros_like(fell), round(environment.config.random.push_period / step)
     pushed[every - 1 :: every] = True
     return _judge(config, commands, reached, fell, pushed, step)
 
@@ -134,17 +129,15 @@ def _judge(
 ) -> RobustnessResult:
     changed = np.ones(fell.shape, bool)
     changed[1:] = (np.diff(commands, axis=0) != 0.0).any(axis=2)
-    fresh = _since(changed) < _SETTLED / step
-    shaken = (_since(pushed | fell) < _PUSHED / step) & (_since(pushed | fell) >= 0)
-    counted = ~fresh & ~shaken
+    fresh, since = _since(changed) < _SETTLED / step, _since(pushed | fell)
+    counted = ~fresh & ((since >= _PUSHED / step) | (since < 0))
     piece = np.cumsum(changed, axis=0)
     errors = []
     for robot in range(config.robots):
         for number in range(1, int(piece[-1, robot]) + 1):
             rows = counted[:, robot] & (piece[:, robot] == number)
             if rows.sum() * step >= 0.5:
-                away = commands[rows, robot] - reached[rows, robot]
-                errors.append(away.mean(axis=0))
+                errors.append((commands[rows, robot] - reached[rows, robot]).mean(axis=0))
     size = np.abs(np.array(errors)) if errors else np.full((1, 3), np.nan)
     mean, high = size.mean(axis=0), np.quantile(size, 0.95, axis=0)
     falls = int(fell.any(axis=0).sum())

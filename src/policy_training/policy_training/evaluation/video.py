@@ -6,12 +6,14 @@ The robot is drawn offscreen, in the poses of the recording; its watts are those
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image as Pictures
@@ -20,7 +22,7 @@ from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.reading.reader import Recording
 from sim_bridge.plant.anymal_model import build_spec
-from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES, LEGS
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
@@ -31,6 +33,7 @@ _WINDOW: Final = 2.0  # s of power in view
 _MEAN: Final = 0.6  # s, about a stride, of the numbers
 _ROBOT: Final = (400, 480)  # pixels, height and width
 _COLOURS: Final = {'HAA': '#0072b2', 'HFE': '#d55e00', 'KFE': '#009e73'}  # Okabe-Ito
+_PARTS: Final = ('HIP', 'THIGH', 'SHANK')  # which these drives move
 _PLACES: Final = {'HAA': 'hip, sideways', 'HFE': 'hip, forward', 'KFE': 'knee'}
 Image = NDArray[np.uint8]
 
@@ -71,16 +74,10 @@ def _robot_images(qpos: Floats) -> Iterator[Image]:
     sky = spec.add_texture(name='sky', type=mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     sky.builtin, sky.width, sky.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 64, 384
     sky.rgb1 = sky.rgb2 = [1.0, 1.0, 1.0]
-    for geom in spec.geoms:
-        if geom.name == 'floor':
-            geom.material, geom.rgba = 'tiles', [1.0, 1.0, 1.0, 1.0]
-        for kind, colour in _COLOURS.items():
-            part = {'HAA': 'HIP', 'HFE': 'THIGH', 'KFE': 'SHANK'}[kind]
-            if geom.name.endswith(part):
-                rgb = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-                geom.rgba = [*rgb, 1.0]
-        if geom.name == 'base':
-            geom.rgba = [0.24, 0.27, 0.30, 1.0]
+    spec.geom('floor').material, spec.geom('floor').rgba = 'tiles', [1.0, 1.0, 1.0, 1.0]
+    spec.geom('base').rgba = [0.24, 0.27, 0.30, 1.0]
+    for leg, (part, colour) in product(LEGS, zip(_PARTS, _COLOURS.values(), strict=True)):
+        spec.geom(f'{leg}_{part}').rgba = to_rgba(colour)
     model = spec.compile()
     model.vis.global_.offwidth, model.vis.global_.offheight = _ROBOT[1], _ROBOT[0]
     model.vis.headlight.ambient[:] = 0.38
@@ -115,12 +112,11 @@ class _Panels:
         self.total = figure.text(0.56, 0.895, '', fontsize=18, weight='bold', color='#24292f')
         self._sums, self._dashes, self._labels = {}, {}, {}
         self._each: dict[str, list[Any]] = {}
+        half = 50 * int(highest / 100)
         for row, (kind, colour) in enumerate(_COLOURS.items()):
             axes = figure.add_axes((0.56, 0.565 - 0.235 * row, 0.3, 0.205))
-            half = 50 * int(highest / 100)
-            ticks = (0, half, 2 * half)
             axes.set(xlim=(-_WINDOW, 0.0), ylim=(min(0.0, -0.06 * highest), highest))
-            axes.set(yticks=ticks, xticks=(-2, -1, 0))
+            axes.set(yticks=(0, half, 2 * half), xticks=(-2, -1, 0))
             axes.tick_params(labelsize=8, labelbottom=row == 2)
             axes.spines[['top', 'right']].set_visible(False)
             axes.grid(axis='y', alpha=0.3)
@@ -130,10 +126,9 @@ class _Panels:
                 axes.plot([], [], color=colour, linewidth=0.7, alpha=0.6)[0]
                 for _ in range(0 if estimated else 4)
             ]
-            place = {'transform': axes.transAxes, 'color': colour, 'weight': 'bold'}
-            place['va'] = 'center'
-            self._labels[kind] = axes.text(1.03, 0.62, '', fontsize=11, **place)
-            axes.text(1.03, 0.3, _PLACES[kind], fontsize=8, **{**place, 'weight': 'normal'})
+            place = {'transform': axes.transAxes, 'color': colour, 'va': 'center'}
+            self._labels[kind] = axes.text(1.03, 0.62, '', fontsize=11, weight='bold', **place)
+            axes.text(1.03, 0.3, _PLACES[kind], fontsize=8, weight='normal', **place)
         words = 'time in s, power in W of four drives each'
         axes.set_xlabel(words, fontsize=8.5, color='#57606a')
 
