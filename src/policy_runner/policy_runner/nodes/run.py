@@ -5,27 +5,63 @@ from functools import partial
 from typing import Final
 
 from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.running import run_node
 from wattwalk_core.nodes.services import offer
 
 from policy_runner.nodes.run_options import Options
-from policy_runner.nodes.topic_inputs import TopicInputs
 from policy_runner.policies.by_name import Policy, load_policy
+from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor.supervisor import LoopTiming, State, Supervisor, SupervisorOutput
 
 _LOOK: Final = 0.005  # s between looks at the inputs: the resolution of their age
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class TopicInputs:
+    """Reads the newest joint_states, imu, odom and cmd_vel into inputs; now: node's time, s."""
+
+    def __init__(self, node: Node, inputs: Inputs, now: Callable[[], float]) -> None:
+        self._inputs, self._now = inputs, now
+        self._joints = PolledTopic[JointState](node, JointState, 'joint_states', _SENSORS)
+        self._imu = PolledTopic[Imu](node, Imu, 'imu', _SENSORS)
+        self._odom = PolledTopic[Odometry](node, Odometry, 'odom', _SENSORS)
+        self._command = PolledTopic[TwistStamped](node, TwistStamped, 'cmd_vel', _SENSORS)
+
+    def take(self) -> None:
+        """Put the newest message of each topic into the inputs, as having arrived now."""
+        inputs = self._inputs
+        if (joints := self._joints.newest()) is not None:
+            read = joints.name, joints.position, joints.velocity
+            inputs.on_joints(_ns(joints), *read, self._now())
+        if (imu := self._imu.newest()) is not None:
+            q, w, a = imu.orientation, imu.angular_velocity, imu.linear_acceleration
+            turned, felt = (q.x, q.y, q.z, q.w), (a.x, a.y, a.z)
+            inputs.on_imu(_ns(imu), turned, (w.x, w.y, w.z), self._now(), felt)
+        if (odom := self._odom.newest()) is not None:
+            v = odom.twist.twist.linear
+            inputs.on_odom(_ns(odom), (v.x, v.y, v.z), self._now())
+        if (command := self._command.newest()) is not None:
+            linear, turning = command.twist.linear, command.twist.angular
+            inputs.on_command((linear.x, linear.y, turning.z), self._now())
+
+
+def _ns(message: JointState | Imu | Odometry) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 class PolicyRunner(Node):
@@ -34,29 +70,21 @@ class PolicyRunner(Node):
     def __init__(self, options: Options) -> None:
         super().__init__('policy_runner')
         text = 'name of the policy that runs, or its folder; may be set at any time'
-        named = self.declare_parameter(
-            'policy', options.policy, ParameterDescriptor(description=text)
-        )
-        self._policy = str(named.value)
+        descriptor = ParameterDescriptor(description=text)
+        self._policy = str(self.declare_parameter('policy', options.policy, descriptor).value)
         given = DeviceParameters(self)
         options = options.declared(given)
         self._trust_code = options.trust_code
         policy = load_policy(self._policy, trust_code=self._trust_code)
         asked = given.real('rate', policy.rate, 'Hz at which it is asked', 10.0, 400.0)
         self._rate = None if asked == policy.rate else asked
-        safety = SafetyConfig()
-        stale = given.real(
-            'stale_after', safety.stale_after, 's; older joint_states or imu: damping', 0.01, 1.0
-        )
+        safety, text = SafetyConfig(), 's; older joint_states or imu: damping'
+        stale = given.real('stale_after', safety.stale_after, text, 0.01, 1.0)
         tilt = given.real('tilt', safety.tilt, 'rad; more from level: damping', 0.1, 1.5)
+        safety = SafetyConfig(stale_after=stale, tilt=tilt)
         self._start_wanted = options.start
-        source = options.source()
-        self._supervisor = Supervisor(
-            policy,
-            SafetyConfig(stale_after=stale, tilt=tilt),
-            restart_after=options.restart_after,
-            source=source,
-        )
+        source, restart_after = options.source(), options.restart_after
+        self._supervisor = Supervisor(policy, safety, restart_after=restart_after, source=source)
         simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._told: tuple[State, str] | None = None
@@ -156,13 +184,17 @@ class PolicyRunner(Node):
         message.twist.angular.z = yaw
         self._told_velocity.publish(message)
 
+    @property
+    def _sound(self) -> bool:
+        fault = self._supervisor.fault
+        return fault is None or fault.kind is FaultKind.STOP
+
     def _announce(self) -> None:
         state, reason = self._supervisor.state, self._supervisor.reason
         if (state, reason) == self._told:
             return
         self._told = (state, reason)
-        fault = self._supervisor.fault
-        if fault is None or fault.kind is FaultKind.STOP:
+        if self._sound:
             waits = state is State.IDLE and not self._start_wanted
             told = f'{reason}; its service start makes the robot stand up' if waits else reason
             self.get_logger().info(f'{self._policy}: {told}')
@@ -171,15 +203,10 @@ class PolicyRunner(Node):
         self._diagnose()
 
     def _diagnose(self) -> None:
-        figures = {
-            'policy': self._policy,
-            **self._supervisor.figures(self._now()),
-            **self._timing.figures(),
-        }
-        fault = self._supervisor.fault
-        sound = fault is None or fault.kind is FaultKind.STOP
-        level = Level.OK if sound else Level.ERROR
-        self._reporter.publish(Report(level, self._supervisor.reason, figures))
+        figures = self._supervisor.figures(self._now()) | self._timing.figures()
+        level = Level.OK if self._sound else Level.ERROR
+        reason = self._supervisor.reason
+        self._reporter.publish(Report(level, reason, {'policy': self._policy, **figures}))
 
 
 def run(given: tuple[Options, Sequence[str]]) -> int:

@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING, Final
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-from policy_runner.policies.velocity_commands import (
-    RandomCommands,
-    SteadyCommand,
-    parse_velocity,
-)
+from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand, parse_velocity
 
 if TYPE_CHECKING:
     from wattwalk_core.nodes.parameters import DeviceParameters  # rclpy, slow to import
