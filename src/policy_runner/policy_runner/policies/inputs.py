@@ -113,10 +113,6 @@ class Inputs:
         self.command = np.array(command, dtype=np.float64)
         self.command_time = now
 
-    def heard(self, topic: str) -> float:
-        """Return the time of the last fresh message of a required topic, s."""
-        return {'joint_states': self.joint_time, 'imu': self.imu_time}[topic]
-
     def _is_newer(self, topic: str, stamp: int) -> bool:
         newer = stamp > self._stamps.get(topic, -1)
         self._stamps[topic] = stamp

@@ -4,39 +4,30 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from wattwalk_core.anymal import (
-    FOOT_IN_SHANK,
-    FRONT,
-    GRAVITY,
-    HIP_CENTRE,
-    HIP_IN_BASE,
-    HIP_MASS,
-    LEFT,
-    SHANK_CENTRE,
-    SHANK_IN_THIGH,
-    SHANK_MASS,
-    THIGH_CENTRE,
-    THIGH_IN_HIP,
-    THIGH_MASS,
-)
+from wattwalk_core.anymal import FRONT, GRAVITY, HIP_IN_BASE, LEFT
 from wattwalk_core.arrays import Floats
 
-_HIP: Final = np.column_stack([HIP_IN_BASE[0] * FRONT, HIP_IN_BASE[1] * LEFT, np.zeros(4)])
-_AHEAD: Final = THIGH_IN_HIP[0] * FRONT
-_ASIDE: Final = (THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + FOOT_IN_SHANK[1]) * LEFT
-_THIGH: Final = -SHANK_IN_THIGH[2]
-_SHANK: Final = float(np.hypot(FOOT_IN_SHANK[0], FOOT_IN_SHANK[2]))
-_BEND: Final = -FRONT * float(np.arctan2(FOOT_IN_SHANK[0], -FOOT_IN_SHANK[2]))
+from wattwalk_core import anymal
+
+_AHEAD, _HIP_ASIDE, _ = anymal.THIGH_IN_HIP
+_, _THIGH_ASIDE, _KNEE_DOWN = anymal.SHANK_IN_THIGH
+_FOOT_AHEAD, _FOOT_ASIDE, _FOOT_DOWN = anymal.FOOT_IN_SHANK
+_THIGH: Final = -_KNEE_DOWN
+_SHANK: Final = float(np.hypot(_FOOT_AHEAD, _FOOT_DOWN))
+_BEND: Final = -FRONT * float(np.arctan2(_FOOT_AHEAD, -_FOOT_DOWN))
 _MOMENT_ASIDE: Final = (
-    HIP_MASS * HIP_CENTRE[1] * LEFT
-    + THIGH_MASS * ((THIGH_IN_HIP[1] + THIGH_CENTRE[1]) * LEFT)
-    + SHANK_MASS * ((THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + SHANK_CENTRE[1]) * LEFT)
+    anymal.HIP_MASS * anymal.HIP_CENTRE[1] * LEFT
+    + anymal.THIGH_MASS * ((_HIP_ASIDE + anymal.THIGH_CENTRE[1]) * LEFT)
+    + anymal.SHANK_MASS * ((_HIP_ASIDE + _THIGH_ASIDE + anymal.SHANK_CENTRE[1]) * LEFT)
 )
-_LEGS: Final = np.ascontiguousarray(np.vstack([_HIP.T, _AHEAD, _ASIDE, _BEND, FRONT]))
+_HIP: Final = np.vstack([HIP_IN_BASE[0] * FRONT, HIP_IN_BASE[1] * LEFT, np.zeros(4)])
+_ASIDE: Final = (_HIP_ASIDE + _THIGH_ASIDE + _FOOT_ASIDE) * LEFT
+_LEGS: Final = np.vstack([_HIP, _AHEAD * FRONT, _ASIDE, _BEND, FRONT])
 _LENGTHS: Final = np.array([_THIGH, _SHANK, abs(_THIGH - _SHANK) + 0.02, _THIGH + _SHANK - 0.005])
-_WEIGHTS: Final = np.ascontiguousarray(np.vstack([_MOMENT_ASIDE, SHANK_CENTRE[0] * FRONT]))
+_WEIGHTS: Final = np.vstack([_MOMENT_ASIDE, anymal.SHANK_CENTRE[0] * FRONT])
+_THIGH_SHARE: Final = -anymal.THIGH_CENTRE[2] / _THIGH
 _MASSES: Final = np.array(
-    [THIGH_MASS, SHANK_MASS, _THIGH, -THIGH_CENTRE[2] / _THIGH, SHANK_CENTRE[2]]
+    [anymal.THIGH_MASS, anymal.SHANK_MASS, _THIGH, _THIGH_SHARE, anymal.SHANK_CENTRE[2]]
 )
 
 

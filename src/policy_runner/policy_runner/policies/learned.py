@@ -5,14 +5,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from wattwalk_core.anymal import (
-    FOOT_RADIUS,
-    GRAVITY,
-    JOINT_NAMES,
-    POSITION_GAIN,
-    ROBOT_MASS,
-    VELOCITY_GAIN,
-)
+from wattwalk_core.anymal import FOOT_RADIUS, GRAVITY, JOINT_NAMES, ROBOT_MASS
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
@@ -20,6 +13,7 @@ from policy_runner.policies.folder import Contract, read_folder
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import forward
 from policy_runner.policies.velocity_commands import CommandRateLimiter
+from wattwalk_core import anymal
 
 _FUNCTIONS: Final[Mapping[str, Callable[[Singles], Singles]]] = {
     'elu': lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0))),
@@ -64,10 +58,6 @@ class BaseVelocity:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Reset to a robot that stands."""
         self._time: float | None = None
         self.velocity = np.zeros(3)
 
@@ -79,22 +69,20 @@ class BaseVelocity:
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), _LONGEST_STEP)
         self._time = time
         gravity, rate, effort = inputs.gravity, inputs.spin, inputs.effort
-        acceleration = inputs.acceleration
-        legs = forward(inputs.position)
-        turning = inputs.velocity.reshape(4, 3)
-        swept = np.einsum('nij,nj->ni', legs.jacobian, turning)
+        legs, turning = forward(inputs.position), inputs.velocity.reshape(4, 3)
         down = FOOT_RADIUS * gravity
         soles = legs.feet + down
+        swept = np.einsum('nij,nj->ni', legs.jacobian, turning)
         rolling = np.cross(_shank_rates(legs.angles, turning), down)
         by_leg = -(swept + rolling + np.cross(rate, soles))
         depth = soles @ gravity
         weight = np.exp2(-np.square((depth.max() - depth) / _RISE))
         if len(effort) and np.isfinite(effort).all():
             weight = _that_bear(weight, legs.jacobian, effort.reshape(4, 3), gravity)
-        guess = self.velocity
-        if acceleration is not None:
-            guess = guess + dt * (acceleration + GRAVITY * gravity - np.cross(rate, guess))
-        settling = _BLIND_SETTLING if acceleration is None else _SETTLING
+        guess, settling = self.velocity, _BLIND_SETTLING
+        if inputs.acceleration is not None:
+            guess = guess + dt * (inputs.acceleration + GRAVITY * gravity - np.cross(rate, guess))
+            settling = _SETTLING
         share = 1.0 - np.exp(-dt / settling)
         self.velocity = guess + share * (weight @ by_leg / weight.sum() - guess)
         return self.velocity
@@ -135,12 +123,13 @@ class LearnedPolicy:
 
     def __init__(self, contract: Contract, network: Network) -> None:
         """network: observation [size] to action [12]. InputError for gains the drives lack."""
+        own = [anymal.POSITION_GAIN, anymal.VELOCITY_GAIN]
         for joint in contract.joints:
             gains = [contract.gains[joint].stiffness, contract.gains[joint].damping]
-            if not np.allclose(gains, (POSITION_GAIN, VELOCITY_GAIN), rtol=0.01):
+            if not np.allclose(gains, own, rtol=0.01):
                 raise InputError(
                     f'policy {contract.name!r} was made for gains {gains} of {joint}; '
-                    f'the drives have {[POSITION_GAIN, VELOCITY_GAIN]}'
+                    f'the drives have {own}'
                 )
         self.contract = contract
         self.rate = contract.rate
@@ -149,7 +138,6 @@ class LearnedPolicy:
         self._order = np.array([JOINT_NAMES.index(joint) for joint in contract.joints])
         self._pose = contract.ordered(contract.default_pose)
         self._scale = contract.ordered(contract.action.scale)
-        self._velocity = BaseVelocity()
         self.reset()
 
     @classmethod
@@ -163,10 +151,9 @@ class LearnedPolicy:
         self._start: tuple[float, Floats] | None = None  # s, and the pose, rad [12]
         self._due = -np.inf
         self._acted: float | None = None
-        self._targets = np.zeros(12)
-        self._action = np.zeros(12)
+        self._targets, self._action = np.zeros(12), np.zeros(12)
         self._limiter = CommandRateLimiter(self.contract.observation.command_rate_limit)
-        self._velocity.reset()
+        self._velocity = BaseVelocity()
         self._standing_up = True
 
     def take_over(self) -> float:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
@@ -10,17 +9,15 @@ from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, schema
 
-SIZES: Final = MappingProxyType(
-    {
-        'base_velocity': 3,
-        'angular_velocity': 3,
-        'gravity': 3,
-        'command': 3,
-        'joint_position': 12,
-        'joint_velocity': 12,
-        'last_action': 12,
-    }
-)
+SIZES: Final[Mapping[str, int]] = {
+    'base_velocity': 3,
+    'angular_velocity': 3,
+    'gravity': 3,
+    'command': 3,
+    'joint_position': 12,
+    'joint_velocity': 12,
+    'last_action': 12,
+}
 """
 Number of values of each term. base_velocity m/s, angular_velocity rad/s and gravity (unit vector)
 are in the base's frame; command is vx, vy in m/s and yaw rate in rad/s; joint_position is relative

@@ -7,7 +7,6 @@ commands and disturbances excite the drives, without learning.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
-from types import MappingProxyType
 from typing import Annotated, Final
 
 import numpy as np
@@ -79,13 +78,11 @@ class TrotConfig(CheckedFields):
 
 
 DEFAULT_TROT: Final = TrotConfig()
-TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
-    {
-        'trot': DEFAULT_TROT,
-        'trot_slow': TrotConfig(frequency=1.5, duty=0.64, height=0.50),
-        'trot_high': TrotConfig(frequency=2.0, height=0.55, swing_height=0.10, foot_y=0.30),
-    }
-)
+TROTS: Final[Mapping[str, TrotConfig]] = {
+    'trot': DEFAULT_TROT,
+    'trot_slow': TrotConfig(frequency=1.5, duty=0.64, height=0.50),
+    'trot_high': TrotConfig(frequency=2.0, height=0.55, swing_height=0.10, foot_y=0.30),
+}
 """Gaits by name, which load the drives differently."""
 
 
@@ -126,8 +123,7 @@ class GaitCycle:
         self.phase = np.zeros(4)  # share of the stride since touchdown
         self.swinging = np.zeros(4, bool)
         self.load = np.ones(4)  # share of the weight that a foot may bear, 0..1
-        self._settled_time = 0.0
-        self._duty = 0.5
+        self._settled_time, self._duty = 0.0, 0.5
 
     @property
     def swing_progress(self) -> Floats:
@@ -210,8 +206,7 @@ class ScriptedTrot:
         self._places = self._rest.copy()
         self._lifted_at = self._rest.copy()
         self.planned = kinematics.inverse(self._rest)  # rad [4, 3], without the shift for torque
-        self._rates = np.zeros((4, 3))
-        self._feet = np.zeros((4, 3))
+        self._rates, self._feet = np.zeros((4, 3)), np.zeros((4, 3))
 
     def take_over(self) -> float:
         """Reset; return the s of the ramp from the present pose to standing."""
@@ -241,19 +236,12 @@ class ScriptedTrot:
         self._move_stance_feet(dt)
         self._move_swing_feet()
         self._plan_joints(dt)
-        error = np.zeros(3)
+        error = np.array([0.0, 0.0, -spin[2]])
         if self.walking:
-            error[:2] = self._command[:2] - self._velocity
-            error[2] = self._command[2]
-        error[2] -= spin[2]
+            error = self._command - np.append(self._velocity, spin[2])
+        gains, load, height = config.feedback, self._cycle.load, config.height
         torque = stance_torque(
-            config.feedback,
-            legs,
-            self._cycle.load,
-            height=config.height,
-            gravity=gravity,
-            spin=spin,
-            velocity_error=error,
+            gains, legs, load, height=height, gravity=gravity, spin=spin, velocity_error=error
         )
         torque += kinematics.leg_weight_torque(legs.angles, gravity)
         torque += config.damping * self._rates
@@ -287,18 +275,15 @@ class ScriptedTrot:
         )
 
     def _advance_gait(self, feet: Floats, dt: float) -> None:
-        ready = self._elapsed >= self.config.ramp
-        speed = float(np.hypot(*self._velocity))
-        tilt = float(np.hypot(*self._tilt))
+        config, ready = self.config, self._elapsed >= self.config.ramp
+        speed, tilt = float(np.hypot(*self._velocity)), float(np.hypot(*self._tilt))
         offset = (feet[:, :2] - self._rest[:, :2]).ravel()
         splayed = (offset * _OUTWARD).max() > 0.04 and not self.walking
         asked = np.abs(self._command).max() >= 0.02 or splayed or speed > 0.25 or tilt > 0.2
+        settled = speed < 0.15 and tilt < 0.1 and bool(np.abs(offset).max() < 0.08)
+        requested, seconds = ready and bool(asked), dt if ready else 0.0
         self._cycle.advance(
-            dt if ready else 0.0,
-            self.config.frequency,
-            self.config.duty,
-            requested=ready and bool(asked),
-            settled=speed < 0.15 and tilt < 0.1 and bool(np.abs(offset).max() < 0.08),
+            seconds, config.frequency, config.duty, requested=requested, settled=settled
         )
 
     def _move_stance_feet(self, dt: float) -> None:

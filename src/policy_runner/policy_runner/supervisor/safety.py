@@ -88,13 +88,13 @@ class SafetyMonitor:
         cfg = self._config
         for complaint in inputs.complaints.values():
             yield Fault(FaultKind.MALFORMED, complaint)
+        heard = {'joint_states': inputs.joint_time, 'imu': inputs.imu_time}
         for topic in inputs.needed:
-            age = now - inputs.heard(topic)
+            age = now - heard[topic]
             if age > cfg.stale_after:
                 told = f'is {age * 1e3:.0f} ms old' if np.isfinite(age) else 'never came'
-                yield Fault(
-                    FaultKind.STALE, f'{topic} {told}, limit {cfg.stale_after * 1e3:.0f} ms'
-                )
+                limit = f'limit {cfg.stale_after * 1e3:.0f} ms'
+                yield Fault(FaultKind.STALE, f'{topic} {told}, {limit}')
         for name, values in (
             ('joint position', inputs.position),
             ('joint velocity', inputs.velocity),
