@@ -27,16 +27,14 @@ def fitted(
     duration; swings, speeds and torques are reduced. `Plan.check` refuses what still exceeds.
     """
     fitter = _Fitter(start, mounting, limits, ramps or Ramps())
-    segments, index = list(motion.segments), 0
-    while index < len(segments):
-        there = segments[index]
-        back = segments[index + 1] if index + 1 < len(segments) else None
-        if there.turns and back is not None and back == replace(there, speed=-there.speed):
+    segments = list(motion.segments)
+    while segments:
+        there = segments.pop(0)
+        if there.turns and segments[:1] == [replace(there, speed=-there.speed)]:
             fitter.pair(there)
-            index += 2
+            del segments[0]
         else:
             fitter.single(there)
-            index += 1
     return replace(motion, segments=tuple(fitter.segments)), tuple(fitter.notes)
 
 
@@ -119,9 +117,8 @@ class _Fitter:
             segment = replace(segment, speed=math.copysign(limits.speed, segment.speed))
         too_fast = segment.fastest > limits.speed * (1.0 + ROUNDING)
         if too_fast and segment.waves and not segment.saturate:
-            segment = self._lowered(
-                segment, abs(segment.amplitude) * limits.speed / segment.fastest
-            )
+            amplitude = abs(segment.amplitude) * limits.speed / segment.fastest
+            segment = self._lowered(segment, amplitude)
         most = min(limits.torque, _LOAD_SHARE * pull if pull else math.inf)
         if segment.strongest > most:
             self.notes.append(f'{segment}: at most {most:.3g} N·m')

@@ -35,35 +35,29 @@ class WavePath(SegmentPath):
         if segment.free:
             self.way_seconds, self.seconds = 0.0, segment.seconds
         abrupt = math.isinf(ramps.acceleration)
-        self._wave: Oscillation | None = None
-        self._levels: LevelSequence | None = None
+        self._shape: Oscillation | LevelSequence
+        self.rung = math.inf
+        """Duration of a level, s; infinite for other shapes."""
         if segment.swings or segment.shape in ('sine', 'chirp'):
             lowest = segment.lowest if segment.shape == 'chirp' else 0.0
-            self._wave = Oscillation(segment.frequency, segment.seconds, lowest, abrupt)
+            self._shape = Oscillation(segment.frequency, segment.seconds, lowest, abrupt)
         else:
-            self._levels = LevelSequence(segment.shape, segment.frequency)
-            self.change_seconds = self._change(self._levels.widest)
+            self._shape = LevelSequence(segment.shape, segment.frequency)
+            self.change_seconds = self._change(self._shape.widest)
+            self.rung = min(self._shape.rung, segment.seconds)
         self._travel = np.zeros(1)
         if segment.mode == 'velocity':
             times = np.arange(0.0, segment.seconds + 2 * _STEP, _STEP)
             speeds = np.array([self._value(time) for time in times])
-            self._travel = np.concatenate(
-                ([0.0], np.cumsum(0.5 * _STEP * (speeds[1:] + speeds[:-1])))
-            )
-
-    @property
-    def rung(self) -> float:
-        """Duration of a level, s; infinite for other shapes."""
-        return math.inf if self._levels is None else min(self._levels.rung, self.segment.seconds)
+            ways = np.cumsum(0.5 * _STEP * (speeds[1:] + speeds[:-1]))
+            self._travel = np.concatenate(([0.0], ways))
 
     @property
     def extent(self) -> tuple[float, float]:
         """Lowest and highest target, rad; in torque mode the initial position alone."""
         if self.segment.free:
-            return (
-                self._start + float(self._travel.min()),
-                self._start + float(self._travel.max()),
-            )
+            low, high = float(self._travel.min()), float(self._travel.max())
+            return self._start + low, self._start + high
         swing = abs(self.segment.amplitude)
         ends = (self._start, self._goal - swing, self._goal + swing)
         return min(ends), max(ends)
@@ -79,15 +73,10 @@ class WavePath(SegmentPath):
             return Target(self._start + travel, self._value(time), mode=mode)
         if time < self.way_seconds:
             return self._on_the_way(time)
-        since = time - self.way_seconds
-        if self._wave is not None:
-            return Target(self._goal + self.segment.amplitude * self._wave.at(since))
-        return self._stepping(since)
-
-    def _stepping(self, since: float) -> Target:
-        assert self._levels is not None
-        before, level, within = self._levels.at(since)
-        size = self.segment.amplitude
+        since, size = time - self.way_seconds, self.segment.amplitude
+        if isinstance(self._shape, Oscillation):
+            return Target(self._goal + size * self._shape.at(since))
+        before, level, within = self._shape.at(since)
         seconds = self._change(abs(level - before))
         if within >= seconds:
             return Target(self._goal + size * level)
@@ -98,10 +87,9 @@ class WavePath(SegmentPath):
     def _value(self, time: float) -> float:
         """Return speed, rad/s, or torque, N·m, of a drive that is not in position mode."""
         size = self.segment.amplitude
-        if self._wave is not None:
-            return size * self._wave.at(min(time, self.segment.seconds))
-        assert self._levels is not None
-        before, level, within = self._levels.at(time)
+        if isinstance(self._shape, Oscillation):
+            return size * self._shape.at(min(time, self.segment.seconds))
+        before, level, within = self._shape.at(time)
         seconds = self._change(abs(level - before))
         share = 1.0 if within >= seconds else within / seconds
         value = size * (before + share * (level - before))
@@ -252,8 +240,7 @@ class SegmentPlayer:
     """
 
     def __init__(self, motion: MotionFile, start: float, mounting: Mounting, ramps: Ramps) -> None:
-        self.plan = Plan(motion, start, mounting, ramps)
-        self.motion = motion
+        self.plan, self.motion = Plan(motion, start, mounting, ramps), motion
         self.elapsed = 0.0
         self.place = 0  # of the segment; the return at the end counts as one
         self._initial: float | None = None
@@ -290,10 +277,8 @@ class SegmentPlayer:
         if math.isnan(temperature):
             return
         self._initial = temperature if self._initial is None else self._initial
-        wanted, hottest = self.segment.until_warmer, self.segment.hottest
-        if not self.needs_temperature:
-            return
-        if temperature - self._initial >= wanted or temperature >= hottest:
+        warm = temperature - self._initial >= self.segment.until_warmer
+        if self.needs_temperature and (warm or temperature >= self.segment.hottest):
             leap = self.plan.skip(self.elapsed)
             self.elapsed += leap
             if leap:

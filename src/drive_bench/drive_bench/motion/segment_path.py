@@ -63,8 +63,7 @@ class Ramps:
     def way_seconds(self, distance: float) -> float:
         """Return the shortest duration, s, of a half cosine over a distance, rad."""
         d = abs(distance)
-        by_speed = 0.5 * math.pi * d / self.way
-        return max(by_speed, math.pi * math.sqrt(0.5 * d / self.acceleration))
+        return max(0.5 * math.pi * d / self.way, math.pi * math.sqrt(0.5 * d / self.acceleration))
 
 
 JUMPS: Final = Ramps(math.inf, math.inf, math.inf)  # no limits: targets jump, for simulated drives
@@ -94,8 +93,7 @@ class SegmentPath:
         self._start, self._ramps, self._locked = start, ramps, mounting.locked
         middle = start if segment.free else mounting.middle(start)
         first = segment.high if segment.alternates else segment.held
-        still = segment.turns or segment.free
-        self._goal = start if still else middle + mounting.angle(first)
+        self._goal = start if segment.turns or segment.free else middle + mounting.angle(first)
         self._low = middle + mounting.angle(segment.low)
         self._way = self._goal - start
         self.way_seconds = ramps.way_seconds(self._way)

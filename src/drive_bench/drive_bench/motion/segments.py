@@ -30,8 +30,7 @@ class Oscillation:
         if not self._lowest or self._lowest == self._frequency:
             return self._frequency * time
         rate = self._frequency / self._lowest
-        share = rate ** (time / self._seconds) - 1.0
-        return self._lowest * self._seconds * share / log(rate)
+        return self._lowest * self._seconds * (rate ** (time / self._seconds) - 1.0) / log(rate)
 
     def at(self, time: float) -> float:
         """Return the value, −1 to 1, at a time, s."""
@@ -45,9 +44,8 @@ class LevelSequence:
 
     def __init__(self, shape: str, frequency: float) -> None:
         self.levels = {'square': (1.0, -1.0), 'ladder': _LADDER, 'hold': (1.0,)}[shape]
-        self.rung = {'square': 0.5 / frequency if frequency else inf, 'ladder': _RUNG}.get(
-            shape, inf
-        )
+        rungs = {'square': 0.5 / frequency if frequency else inf, 'ladder': _RUNG}
+        self.rung = rungs.get(shape, inf)
 
     def at(self, time: float) -> tuple[float, float, float]:
         """Return the previous level (0 before the first), the present one and its age, s."""
