@@ -64,9 +64,8 @@ class MotionNode(Node):
             self._offer('start', MotionRun.start)
         else:
             space = self.get_namespace()
-            self._recording = MotionRecording(
-                options, () if space == '/' else ('-r', f'__ns:={space}')
-            )
+            place = () if space == '/' else ('-r', f'__ns:={space}')
+            self._recording = MotionRecording(options, place)
             listen = self._recording.on_diagnostics
             self.create_subscription(DiagnosticArray, 'diagnostics', listen, 10)
             self.create_timer(0.1, self._advance_recording, clock=steady)
@@ -110,18 +109,11 @@ class MotionNode(Node):
 
     def _run_of(self, message: JointState) -> MotionRun:
         names, options = tuple(message.name), self._options
-        read = Inputs(names)
+        read, limits = Inputs(names), limits_of(names, options.limits)
         _take(read, message, 0.0)
-        return MotionRun(
-            self._motion,
-            names,
-            resolve(self._drives, names, present(read)),
-            options.mounting,
-            limits_of(names, options.limits),
-            self._config,
-            damp_others=options.damp_others,
-            fit=options.fit,
-        )
+        drives = resolve(self._drives, names, present(read))
+        given = self._motion, names, drives, options.mounting, limits, self._config
+        return MotionRun(*given, damp_others=options.damp_others, fit=options.fit)
 
     def _on_supply(self, message: DriveSupply) -> None:
         if self._run is not None:

@@ -5,13 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from policy_runner.policies.inputs import Inputs
-from policy_runner.supervisor.safety import (
-    Fault,
-    FaultKind,
-    SafetyConfig,
-    SafetyMonitor,
-    TargetLimiter,
-)
+from policy_runner.supervisor import safety
+from policy_runner.supervisor.safety import Fault, FaultKind, SafetyConfig
 from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
@@ -32,11 +27,10 @@ _NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
 def present(inputs: Inputs) -> list[bool]:
     """Return for each joint whether its drive is present; missing ones report zeros only."""
     effort = inputs.effort if len(inputs.effort) else np.zeros(len(inputs.joint_names))
-    found: list[bool] = np.any((inputs.position, inputs.velocity, effort), axis=0).tolist()
-    return found
+    return list(np.any((inputs.position, inputs.velocity, effort), axis=0).tolist())
 
 
-class MotionMonitor(SafetyMonitor):
+class MotionMonitor(safety.SafetyMonitor):
     """Safety monitor that also checks speed, torque, temperature and position error of drives.
 
     interlock: a reason to damp although the drives are sound, such as a recorder that ended.
@@ -58,24 +52,26 @@ class MotionMonitor(SafetyMonitor):
         yield from super()._input_faults(inputs, now)
         if self.interlock:
             yield Fault(FaultKind.RECORDING, self.interlock)
-        for drive in self._policy.needing_temperature:
-            unknown = self._policy.windings.fault(drive, now)
+        policy = self._policy
+        for drive in policy.needing_temperature:
+            unknown = policy.windings.fault(drive, now)
             if unknown is not None:
                 yield unknown
-        if not self._policy.active:
+        if not policy.active:
             return
-        if self._policy.blocked:
-            yield Fault(FaultKind.TARGET_RANGE, self._policy.blocked)
-        over = _OVER_SATURATED if self._policy.slack else _OVER
-        effort = inputs.effort
-        for place, limits in self._policy.moving():
+        if policy.blocked:
+            yield Fault(FaultKind.TARGET_RANGE, policy.blocked)
+        over = _OVER_SATURATED if policy.slack else _OVER
+        for place, limits in policy.moving():
             name = inputs.joint_names[place]
-            speed = abs(inputs.velocity[place])
-            if speed > over * limits.speed:
-                yield _exceeded(name, speed, over * limits.speed, 'rad/s')
-            torque = abs(effort[place]) if len(effort) else 0.0
-            if not torque <= _OVER * limits.torque:
-                yield _exceeded(name, torque, _OVER * limits.torque, 'N·m')
+            torque = inputs.effort[place] if len(inputs.effort) else 0.0
+            for value, most, unit in (
+                (abs(inputs.velocity[place]), over * limits.speed, 'rad/s'),
+                (abs(torque), _OVER * limits.torque, 'N·m'),
+            ):
+                if not value <= most:
+                    told = f'at {value:.2f} {unit}, at most {most:g} {unit} while it is moved'
+                    yield Fault(FaultKind.JOINT_LIMIT, f'{name} {told}')
             yield from self._position_faults(place, name, limits, inputs)
 
     def _position_faults(
@@ -94,23 +90,14 @@ class MotionMonitor(SafetyMonitor):
         most = _POSITION_ERROR + self._policy.slack
         lag = abs(self._policy.targets[place] - position)
         if lag > most:
-            yield Fault(
-                FaultKind.TARGET_RANGE,
-                f'{name} is {lag:.2f} rad from its target, limit {most:g} rad',
-            )
+            told = f'{name} is {lag:.2f} rad from its target, limit {most:g} rad'
+            yield Fault(FaultKind.TARGET_RANGE, told)
 
 
 def ranges_of(joints: Sequence[str], limits: Mapping[str, JointLimits]) -> Floats:
     """Return lowest and highest angles, rad [D, 2]; infinite where unknown."""
     found = [limits.get(joint, _NO_LIMITS) for joint in joints]
     return np.array([(entry.low, entry.high) for entry in found])
-
-
-def _exceeded(name: str, value: float, most: float, unit: str) -> Fault:
-    return Fault(
-        FaultKind.JOINT_LIMIT,
-        f'{name} at {value:.2f} {unit}, at most {most:g} {unit} while it is moved',
-    )
 
 
 @dataclass(frozen=True)
@@ -154,25 +141,19 @@ class MotionRun:
                 raise InputError(f'no limits are known for {drive}; give them with --limits FILE')
         count, ranges = len(joints), ranges_of(joints, limits)
         self.joints = tuple(joints)
+        needed = ('joint_states',)
         self.inputs = Inputs(
-            self.joints,
-            position=np.zeros(count),
-            velocity=np.zeros(count),
-            needed=('joint_states',),
+            self.joints, position=np.zeros(count), velocity=np.zeros(count), needed=needed
         )
         self.motion, self.drives = motion, tuple(drives)
         self.policy = MotionPolicy(motion, joints, drives, mounting, limits)
         self.monitor = MotionMonitor(config, self.policy, joints, limits)
+        limiter = safety.TargetLimiter(config.target_rate, ranges)
         self._supervisor = Supervisor(
-            self.policy,
-            config,
-            inputs=self.inputs,
-            monitor=self.monitor,
-            limiter=TargetLimiter(config.target_rate, ranges),
+            self.policy, config, inputs=self.inputs, monitor=self.monitor, limiter=limiter
         )
-        self._torque_limits = np.array(
-            [limits[joint].torque if joint in limits else 0.0 for joint in joints]
-        )
+        torques = (limits[joint].torque if joint in limits else 0.0 for joint in joints)
+        self._torque_limits = np.array(list(torques))
         self._damp_others, self._fit = damp_others, fit
         self._mounting, self.limits = mounting, limits
         self.notes: tuple[str, ...] = ()
@@ -237,18 +218,16 @@ class MotionRun:
     def count_publishers(self, count: int) -> None:
         """Set the number of nodes that publish joint_commands; more than this one is a fault."""
         if count > 1:
-            self.inputs.complaints['joint_commands'] = (
-                f'{count} nodes publish joint_commands; stop all but this one'
-            )
+            told = f'{count} nodes publish joint_commands; stop all but this one'
+            self.inputs.complaints['joint_commands'] = told
         else:
             self.inputs.complaints.pop('joint_commands', None)
 
     def figures(self, now: float) -> dict[str, str]:
         """Return values for diagnostics, by name."""
-        shown = self._supervisor.figures(now)
-        kept = ('faults', 'joint_states age [ms]')
-        left = f'{self.policy.left:.1f}'
-        return {'motion': self.motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
+        shown, kept = self._supervisor.figures(now), ('faults', 'joint_states age [ms]')
+        own = {'motion': self.motion.name, 'left [s]': f'{self.policy.left:.1f}'}
+        return own | {key: shown[key] for key in kept}
 
     def unsound(self, now: float) -> str:
         """Return the reason why the motion could not begin at `now`, s; '' if it could."""

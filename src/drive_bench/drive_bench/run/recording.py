@@ -80,18 +80,13 @@ def file_away(
             'complete': complete,
             'ended': 'done' if complete else reason,
             'fitted': list(run.notes),
-            'check': {
-                name: None if value is None else round(value, 4)
-                for name, value in found.figures.items()
-            },
+            'check': {name: value and round(value, 4) for name, value in found.figures.items()},
             'amiss': list(found.amiss),
         }
         replace(card, drives=run.drives, other={**card.other, **told}).save(bag)
     except InputError as error:
         print(f'the card could not be written: {error}', file=out)
-    for line in summary:
-        print(line, file=out)
-    print(f'\n{check_table(found.rows)}\n', file=out)
+    print(*summary, f'\n{check_table(found.rows)}\n', sep='\n', file=out)
     content = {
         'bag': str(bag),
         'complete': complete,
@@ -105,11 +100,9 @@ def file_away(
         return 1
     if run.repetition:
         print(run.repetition, file=out)
-    print(
-        f'{bag}\nnext: ros2 run power_lab diagnose {bag} --model base.yaml '
-        f'--drives {" ".join(run.drives)}',
-        file=out,
-    )
+    drives = ' '.join(run.drives)
+    analysis = f'ros2 run power_lab diagnose {bag} --model base.yaml --drives {drives}'
+    print(f'{bag}\nnext: {analysis}', file=out)
     return 0 if found.usable else 1
 
 
@@ -126,7 +119,7 @@ class MotionRecording:
 
     def __init__(self, options: RunOptions, ros: Sequence[str] = ()) -> None:
         self._options, self._ros = options, ros
-        self._patience = PATIENCE if options.patience is None else options.patience
+        self._patience = options.patience or PATIENCE
         self._recorder: RecorderProcess | None = None
         self._began = time.monotonic()
         self._recording_since: float | None = None
@@ -165,9 +158,8 @@ class MotionRecording:
         return ''
 
     def _start_recorder(self, run: MotionRun | None, now: float, supplied: bool) -> str:
-        if run is None:
-            missing = 'joint_states never came'
-        else:
+        missing = 'joint_states never came'
+        if run is not None:
             missing = run.unsound(now) if supplied else 'nobody publishes drive_supply'
         if run is None or missing:
             if time.monotonic() - self._began > self._patience:
@@ -185,14 +177,14 @@ class MotionRecording:
         return ''
 
     def _start_motion(self, run: MotionRun, now: float) -> None:
-        time_now = time.monotonic()
+        seconds = time.monotonic()
         missing = [topic for topic in _NEEDED if not self._counts.get(topic)]
         if missing:
-            if time_now - self._began > self._patience:
+            if seconds - self._began > self._patience:
                 raise InputError(f'the recorder receives nothing of {", ".join(missing)}')
             return
-        self._recording_since = self._recording_since or time_now
-        if time_now - self._recording_since >= _LEAD:
+        self._recording_since = self._recording_since or seconds
+        if seconds - self._recording_since >= _LEAD:
             self._moved, reason = run.start(now)
             if not self._moved:
                 raise InputError(reason)
