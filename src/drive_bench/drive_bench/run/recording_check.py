@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +35,17 @@ class CheckRow:
 class RecordingCheck:
     """Result of a check: rows of a table, and figures by name (None if unknown)."""
 
-    rows: tuple[CheckRow, ...]
-    figures: dict[str, float | None]
+    rows: list[CheckRow] = field(default_factory=list)
+    figures: dict[str, float | None] = field(default_factory=dict)
+
+    def add(self, name: str, asked: str, reached: str, amiss: str = '') -> None:
+        """Add a row, with the fields of `CheckRow`."""
+        self.rows.append(CheckRow(name, asked, reached, amiss))
+
+    def note(self, **figures: float) -> None:
+        """Add figures by name; those that are not finite are unknown."""
+        for name, value in figures.items():
+            self.figures[name] = value if math.isfinite(value) else None
 
     @property
     def usable(self) -> bool:
@@ -58,48 +67,38 @@ def check(
     complete: whether the motion reached its end; else no shortfall is reported. An unreadable bag
     is a row of the result, not an error.
     """
+    found = RecordingCheck()
     try:
         recording = Recording.open(bag)
         supply, joints = recording.drive_supply(), recording.joint_states()
         place, meter = joints.names.index(drive), supply.names.index(drive)
     except (InputError, ValueError) as error:
-        return RecordingCheck((CheckRow('recording', 'readable', 'no', str(error)),), {})
-    rows, figures = _counts(recording, supply, joints)
+        found.add('recording', 'readable', 'no', str(error))
+        return found
+    _count(found, recording, supply, joints)
     moving = _while_moving(recording, joints)
-    more, reached = _coverage(motion, joints, place, moving, limits, complete)
-    rows += more
-    figures |= reached
-    more, reached = _electrical(motion, supply, meter, complete)
-    known = {
-        name: value if math.isfinite(value) else None
-        for name, value in (figures | reached).items()
-    }
-    return RecordingCheck(tuple(rows + more), known)
+    _compare(found, motion, joints, place, moving, limits, complete)
+    _read_meter(found, motion, supply, meter, complete)
+    return found
 
 
-def _counts(
-    recording: Recording, supply: DriveSamples, joints: JointSamples
-) -> tuple[list[CheckRow], dict[str, float]]:
+def _count(
+    found: RecordingCheck, recording: Recording, supply: DriveSamples, joints: JointSamples
+) -> None:
     apart = np.diff(joints.stamp_ns)
     usual = float(np.median(apart)) if len(apart) else math.inf
     missing = int(np.rint(apart / usual - 1.0).clip(min=0).sum()) if len(apart) else 0
     commands = len(recording.joint_commands()) if recording.has('joint_commands') else 0
-    rows = [
-        _loss('drive_supply', len(supply), supply.lost),
-        _loss('joint_states', len(joints), missing),
-        CheckRow('joint_commands', 'recorded', f'{commands}', '' if commands else 'none recorded'),
-    ]
-    rows += [CheckRow('bag', 'whole', 'as far as it goes', text) for text in recording.problems]
-    return rows, {
-        'supply_samples': len(supply),
-        'supply_lost': supply.lost,
-        'joint_samples': len(joints),
-        'joint_lost': missing,
-    }
-
-
-def _loss(name: str, count: int, lost: int) -> CheckRow:
-    return CheckRow(name, 'none lost', f'{count} samples', f'{lost} lost' if lost else '')
+    for name, count, lost in (
+        ('drive_supply', len(supply), supply.lost),
+        ('joint_states', len(joints), missing),
+    ):
+        found.add(name, 'none lost', f'{count} samples', f'{lost} lost' if lost else '')
+    found.add('joint_commands', 'recorded', f'{commands}', '' if commands else 'none recorded')
+    for text in recording.problems:
+        found.add('bag', 'whole', 'as far as it goes', text)
+    found.note(supply_samples=len(supply), supply_lost=supply.lost)
+    found.note(joint_samples=len(joints), joint_lost=missing)
 
 
 def _while_moving(recording: Recording, joints: JointSamples) -> slice:
@@ -110,14 +109,15 @@ def _while_moving(recording: Recording, joints: JointSamples) -> slice:
     return slice(int(first), int(last) + 1)
 
 
-def _coverage(
+def _compare(
+    found: RecordingCheck,
     motion: MotionFile,
     joints: JointSamples,
     place: int,
     moving: slice,
     limits: JointLimits,
     complete: bool,
-) -> tuple[list[CheckRow], dict[str, float]]:
+) -> None:
     position, speed, torque = (
         np.asarray(values[moving, place], np.float64)
         for values in (joints.position, joints.velocity, joints.effort)
@@ -125,9 +125,9 @@ def _coverage(
     read = np.isfinite(position) & np.isfinite(speed)
     unread = int(np.count_nonzero(~read))
     if np.count_nonzero(read) < 2 * _SMOOTH:
-        return [CheckRow('motion', 'recorded', 'nothing', 'too few readings to tell')], {
-            'unread': unread
-        }
+        found.add('motion', 'recorded', 'nothing', 'too few readings to tell')
+        found.note(unread=unread)
+        return
     seconds = np.median(np.diff(joints.stamp_ns[moving])) * 1e-9
     smooth = np.convolve(speed, np.full(_SMOOTH, 1.0 / _SMOOTH), 'valid')
     reached = {
@@ -141,87 +141,67 @@ def _coverage(
         'torque': motion.strongest,
         'acceleration': max(map(_sharpest, motion.segments)),
     }
-    rows = []
     if unread:
         text = f'{unread} without position or speed'
-        rows.append(CheckRow('readings', 'all finite', text, text))
+        found.add('readings', 'all finite', text, text)
     for name, unit in (('speed', 'rad/s'), ('torque', 'N·m'), ('acceleration', 'rad/s²')):
         wanted, got = asked[name], reached[name]
         short = complete and not saturates and got < _FELL_SHORT * wanted < math.inf
-        note = 'more than the drive can follow, as meant' if saturates and got < wanted else ''
-        rows.append(
-            CheckRow(
-                name,
-                f'{wanted:.3g} {unit}' if 0.0 < wanted < math.inf else '–',
-                (f'{got:.3g} {unit}' if math.isfinite(got) else 'unknown')
-                + (f' ({note})' if note else ''),
-                f'only {100 * got / wanted:.0f} % of what was asked' if short else '',
-            )
-        )
+        text = f'{wanted:.3g} {unit}' if 0.0 < wanted < math.inf else '–'
+        seen = f'{got:.3g} {unit}' if math.isfinite(got) else 'unknown'
+        note = ' (more than the drive can follow, as meant)' if saturates and got < wanted else ''
+        amiss = f'only {100 * got / wanted:.0f} % of what was asked' if short else ''
+        found.add(name, text, seen + note, amiss)
+        found.note(**{f'{name}_reached': got})
     low, high = float(position[read].min()), float(position[read].max())
     beyond = max(limits.low - low, high - limits.high)
-    rows.append(
-        CheckRow(
-            'position',
-            f'{limits.low:.3g}..{limits.high:.3g} rad',
-            f'{low:.3g}..{high:.3g} rad',
-            f'{beyond:.2g} rad beyond' if beyond > 0.0 else '',
-        )
-    )
+    allowed, been = f'{limits.low:.3g}..{limits.high:.3g} rad', f'{low:.3g}..{high:.3g} rad'
+    text = f'{beyond:.2g} rad beyond' if beyond > 0.0 else ''
+    found.add('position', allowed, been, text)
     known = np.isfinite(torque)
     at_limit = np.abs(torque[known]) >= _AT_LIMIT * limits.torque
     clipped = 100.0 * float(at_limit.mean()) if known.any() else math.nan
     fast = 100.0 * float(np.mean(np.abs(speed[read]) > limits.speed))
-    rows.append(_share('torque at the limit', limits.torque, 'N·m', clipped, saturates))
-    rows.append(_share('speed over the limit', limits.speed, 'rad/s', fast, saturates))
-    figures = {f'{name}_reached': value for name, value in reached.items()}
-    figures |= {'position_low': low, 'position_high': high, 'unread': unread}
-    return rows, {**figures, 'torque_clipped_percent': clipped, 'speed_over_percent': fast}
+    for name, limit, percent in (
+        ('torque at the limit', f'{limits.torque:g} N·m', clipped),
+        ('speed over the limit', f'{limits.speed:g} rad/s', fast),
+    ):
+        text = 'unknown' if math.isnan(percent) else f'{percent:.1f} % of the time'
+        amiss = text if percent > 0.0 and not saturates else ''
+        found.add(name, f'never ({limit})', text, amiss)
+    found.note(position_low=low, position_high=high, unread=unread)
+    found.note(torque_clipped_percent=clipped, speed_over_percent=fast)
 
 
-def _share(name: str, limit: float, unit: str, percent: float, meant: bool) -> CheckRow:
-    if math.isnan(percent):
-        return CheckRow(name, f'never ({limit:g} {unit})', 'unknown')
-    text = f'{percent:.1f} % of the time'
-    return CheckRow(name, f'never ({limit:g} {unit})', text, text if percent and not meant else '')
-
-
-def _electrical(
-    motion: MotionFile, supply: DriveSamples, meter: int, complete: bool
-) -> tuple[list[CheckRow], dict[str, float]]:
+def _read_meter(
+    found: RecordingCheck, motion: MotionFile, supply: DriveSamples, meter: int, complete: bool
+) -> None:
     measured = np.asarray(supply.power[:, meter], np.float64)
     sound = supply.status[:, meter] == 0
     good = sound & np.isfinite(measured)
     flagged, unread = (int(np.count_nonzero(each)) for each in (~sound, sound & ~good))
-    told = f'{flagged} flagged' + (f', {unread} without a value' if unread else '')
-    meter_row = CheckRow('meter', 'no flags', told, told if flagged or unread else '')
-    figures = {'power_mean': math.nan, 'power_peak': math.nan}
     if good.any():
         power, voltage = measured[good], supply.voltage[good, meter]
-        power_text = f'{power.mean():.1f} W, {power.min():.0f} to {power.max():.0f} W'
-        rows = [
-            CheckRow('power', '–', power_text, '' if power.any() else 'zero throughout'),
-            CheckRow('voltage', '–', f'{voltage.min():.1f} to {voltage.max():.1f} V'),
-            meter_row,
-        ]
-        figures = {'power_mean': float(power.mean()), 'power_peak': float(power.max())}
+        text = f'{power.mean():.1f} W, {power.min():.0f} to {power.max():.0f} W'
+        found.add('power', '–', text, '' if power.any() else 'zero throughout')
+        found.add('voltage', '–', f'{voltage.min():.1f} to {voltage.max():.1f} V')
+        found.note(power_mean=float(power.mean()), power_peak=float(power.max()))
     else:
-        rows = [CheckRow('power', '–', 'unknown', 'no good sample'), meter_row]
+        found.add('power', '–', 'unknown', 'no good sample')
+        found.note(power_mean=math.nan, power_peak=math.nan)
+    told = f'{flagged} flagged' + (f', {unread} without a value' if unread else '')
+    found.add('meter', 'no flags', told, told if flagged or unread else '')
     warmth = supply.temperature[:, meter]
     known = warmth[np.isfinite(warmth)]
     if len(known):
         rise = float(known.max() - known[0])
         wanted = max(segment.until_warmer for segment in motion.segments)
-        rows.append(
-            CheckRow(
-                'winding',
-                f'{wanted:g} K warmer' if wanted else '–',
-                f'{known[0]:.1f} to {known.max():.1f} °C, {known[-1]:.1f} °C at the end',
-                f'only {rise:.1f} K' if complete and rise < _FELL_SHORT * wanted else '',
-            )
-        )
-        figures |= {'winding_rise': rise, 'winding_end': float(known[-1])}
-    return rows, {**figures, 'flagged': flagged, 'without_value': unread}
+        asked = f'{wanted:g} K warmer' if wanted else '–'
+        reached = f'{known[0]:.1f} to {known.max():.1f} °C, {known[-1]:.1f} °C at the end'
+        amiss = f'only {rise:.1f} K' if complete and rise < _FELL_SHORT * wanted else ''
+        found.add('winding', asked, reached, amiss)
+        found.note(winding_rise=rise, winding_end=float(known[-1]))
+    found.note(flagged=flagged, without_value=unread)
 
 
 def _most(values: Floats) -> float:
@@ -233,12 +213,10 @@ def _most(values: Floats) -> float:
 def _sharpest(segment: Segment) -> float:
     """Return the largest commanded acceleration of a sine or chirp, rad/s²; 0 for others."""
     turn = 2.0 * math.pi * segment.frequency
-    if segment.shape == 'chirp' or segment.swings or segment.shape == 'sine':
-        if segment.mode == 'position':
-            return turn * turn * abs(segment.amplitude)
-        if segment.mode == 'velocity':
-            return turn * abs(segment.amplitude)
-    return 0.0
+    if not (segment.swings or segment.shape in ('chirp', 'sine')):
+        return 0.0
+    rate = {'position': turn * turn, 'velocity': turn}.get(segment.mode, 0.0)
+    return rate * abs(segment.amplitude)
 
 
 def check_table(rows: Sequence[CheckRow]) -> str:
@@ -247,9 +225,5 @@ def check_table(rows: Sequence[CheckRow]) -> str:
     cells += [
         (row.name, row.asked, row.reached, '! ' + row.amiss if row.amiss else 'ok') for row in rows
     ]
-    widths = [max(len(row[column]) for row in cells) for column in range(3)]
-    lines = []
-    for *row, note in cells:
-        padded = [text.ljust(width) for text, width in zip(row, widths, strict=True)]
-        lines.append('  '.join((*padded, note)).rstrip())
-    return '\n'.join(lines)
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return '\n'.join('  '.join(map(str.ljust, row, widths)).rstrip() for row in cells)
