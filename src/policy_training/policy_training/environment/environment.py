@@ -162,8 +162,7 @@ class WalkingEnvironment:
         self.steps += self.count
         disturbed = self._reset_and_disturb(done)
         self._sense(self.config.step_time)
-        seen = self.observe(), self.state()
-        return StepOutcome(*seen, reward, done, timed_out, disturbed, log)
+        return StepOutcome(self.observe(), self.state(), reward, done, timed_out, disturbed, log)
 
     def _sense(self, seconds: float) -> None:
         """Draw sensor noise and advance rate limiters."""

@@ -326,9 +326,14 @@ class Robots:
             self._batch.step()
             output = drives.output(velocity)
             squares += output * output
-            away = drives.commanded - position
-            signals = away, output, velocity.copy(), motor, drives.rotor_speed
-            self.substeps.append(Substep(*signals))
+            signals = Substep(
+                position_error=drives.commanded - position,
+                torque=output,
+                velocity=velocity.copy(),
+                motor=motor,
+                rotor_speed=drives.rotor_speed,
+            )
+            self.substeps.append(signals)
         return self.motion(np.sqrt(squares / self.decimation))
 
     def motion(self, torque: Floats | None = None) -> RobotMotion:
