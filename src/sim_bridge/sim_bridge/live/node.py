@@ -140,22 +140,12 @@ class SimNode(Node):
     def _hand_on(self, samples: InstrumentReadings) -> None:
         """Publish a block of samples and take the command that came during it."""
         self._publisher.publish(samples)
-        command = self._commands.newest()
-        if command is not None:
-            self._command(command)
-
-    def _command(self, message: JointState) -> None:
+        message = self._commands.newest()
+        if message is None:
+            return
+        given = message.name, message.position, message.velocity, message.effort
         try:
-            self.plant.command(
-                joint_command(
-                    self._joints,
-                    message.name,
-                    message.position,
-                    message.velocity,
-                    message.effort,
-                    self._absent,
-                )
-            )
+            self.plant.command(joint_command(self._joints, *given, self._absent))
         except ValueError as error:
             self._faults.warning(f'joint_commands ignored: {error}')
 
@@ -185,11 +175,10 @@ class SimNode(Node):
         if 0 < self._reset_after_fall <= self._down_seconds:
             self.get_logger().info('resetting after the fall')
             plant.reset()
-        late = progress.worst > 0.1
         level, text = Level.OK, 'running'
         if plant.down:
             level, text = Level.ERROR, f'fallen: {plant.down}'
-        elif late:
+        elif progress.worst > 0.1:
             level, text = Level.WARN, 'behind real time'
         elif plant.stale:
             level, text = Level.WARN, 'joint_commands are stale: drives damp'

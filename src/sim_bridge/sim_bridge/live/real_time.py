@@ -4,12 +4,12 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import count
+from operator import itemgetter
 from threading import Event as Flag
 from typing import Any, Final
 
 import can
 import numpy as np
-from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.arrays import Floats
@@ -29,37 +29,28 @@ class FrameEncoder:
 
     def __init__(self, bus: BusDescription, joints: Sequence[str], clock: DeviceClock) -> None:
         """Make an encoder; InputError for a joint that the bus lacks."""
-        self._bus = bus
-        self._clock = clock
+        self._bus, self._clock = bus, clock
         self._columns = BusColumns(bus, joints)
         self._counts = {name: count() for name in ('electrical', 'joints', 'temperature')}
 
     def encode(self, samples: InstrumentReadings) -> list[can.Message]:
         """Return a block's frames: SYNC and electrical 1 kHz, joints 400 Hz, temperature 10 Hz."""
-        bus, timed = self._bus, []
         meter, joints, warmth = samples.electrical, samples.joints, samples.temperature
-        wide = self._spread(meter.voltage, meter.current, meter.status)
-        for step, us, row in zip(meter.step, self._us(meter.step), wide, strict=True):
-            number = next(self._counts['electrical'])
-            timed.append((step, 0, bus.encode_sync(number, us)))
-            timed.append((step, 1, bus.encode('electrical', number, us, *row)))
-        wide = self._spread(joints.position, joints.velocity, joints.torque)
-        for step, us, row in zip(joints.step, self._us(joints.step), wide, strict=True):
-            number = next(self._counts['joints'])
-            timed.append((step, 2, bus.encode('joints', number, us, *row)))
-        wide = self._spread(warmth.temperature)
-        for step, us, row in zip(warmth.step, self._us(warmth.step), wide, strict=True):
-            number = next(self._counts['temperature'])
-            timed.append((step, 3, bus.encode('temperature', number, us, *row)))
-        timed.sort(key=lambda entry: entry[:2])
-        return [message for _, _, messages in timed for message in messages]
-
-    def _us(self, step: NDArray[np.int64]) -> list[int]:
-        shown: list[int] = (self._clock.device_ns(step) // 1000).tolist()
-        return shown
-
-    def _spread(self, *quantities: NDArray[np.generic]) -> Floats:
-        return np.stack([self._columns.spread(values) for values in quantities], axis=1)
+        timed = []
+        for group, steps, quantities in (
+            ('electrical', meter.step, (meter.voltage, meter.current, meter.status)),
+            ('joints', joints.step, (joints.position, joints.velocity, joints.torque)),
+            ('temperature', warmth.step, (warmth.temperature,)),
+        ):
+            wide = np.stack([self._columns.spread(values) for values in quantities], axis=1)
+            times = (self._clock.device_ns(steps) // 1000).tolist()
+            for step, us, row in zip(steps, times, wide, strict=True):
+                number = next(self._counts[group])
+                if group == 'electrical':
+                    timed.append((step, self._bus.encode_sync(number, us)))
+                timed.append((step, self._bus.encode(group, number, us, *row)))
+        timed.sort(key=itemgetter(0))
+        return [message for _, messages in timed for message in messages]
 
 
 class SimulatedBus:
@@ -135,8 +126,7 @@ class LivePlant:
     ) -> None:
         """Make a plant; send, publish: receive each block; now, sleep: a steady clock, in s."""
         self.simulation = simulation
-        self._instruments = instruments
-        self._encoder = encoder
+        self._instruments, self._encoder = instruments, encoder
         self._send, self._publish = send, publish
         self._now, self._sleep = now, sleep
         self._tasks: list[Callable[[], None]] = []
@@ -208,7 +198,8 @@ class LivePlant:
             self._tasks.pop(0)()
         self._hold()
         samples = self._instruments.read(self.simulation.advance(steps))
-        self._watch()
+        before, self.down = self.down, self.simulation.fallen
+        self.falls += bool(self.down) and before is None
         return samples, self._encoder.encode(samples)
 
     def _hold(self) -> None:
@@ -219,12 +210,6 @@ class LivePlant:
         if wanted is not self._held:
             self.simulation.hold(wanted)
             self._held = wanted
-
-    def _watch(self) -> None:
-        reason = self.simulation.fallen
-        if reason and self.down is None:
-            self.falls += 1
-        self.down = reason
 
     def _reset(self) -> None:
         self.simulation.reset()
