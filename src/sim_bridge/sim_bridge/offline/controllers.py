@@ -49,8 +49,7 @@ class PolicyWalk:
         self.name = name
         self.period = round(1.0 / policy.rate / STEP)
         self.velocity: Floats | None = np.zeros(3)
-        self._commands = commands
-        self._policy = policy
+        self._commands, self._policy = commands, policy
         self._inputs = Inputs()
         policy.take_over()
 
@@ -99,13 +98,8 @@ class SensedWalk(PolicyWalk):
         inputs = self._inputs
         inputs.position, inputs.velocity = joints.position[row], joints.velocity[row]
         inputs.effort = joints.torque[row]
-        inputs.on_imu(
-            int(body.step[row]),
-            body.orientation[row],
-            body.rate[row],
-            0.0,
-            body.acceleration[row],
-        )
+        attitude, rate, felt = body.orientation[row], body.rate[row], body.acceleration[row]
+        inputs.on_imu(int(body.step[row]), attitude, rate, 0.0, felt)
         self._fresh = True
 
     def command(self, simulation: Simulation) -> JointCommand:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
 from power_recordings.messages import cdr
-from power_recordings.messages.topics import KINDS
+from power_recordings.messages.topics import TYPES
 from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter, MessageBlock
 from wattwalk_core.anymal import FOOT_NAMES
@@ -42,8 +42,7 @@ class BagTopics:
         """joints: of joint_states; measured, device: drives, frame of drive_supply."""
         self._bag = bag
         self._topics: dict[str, int] = {}
-        self._samples = 0
-        self._seconds = 0
+        self._samples, self._seconds = 0, 0
         self._counts = {'fall': 0, 'push': 0}
         of_joints = partial(cdr.joint_state_block, names=joints)
         self._encoders: dict[str, Callable[..., NDArray[np.uint8]]] = {
@@ -65,22 +64,22 @@ class BagTopics:
             if name == 'drive_supply':
                 values = {**values, 'sequence0': self._samples}
                 self._samples += len(rows.stamp_ns)
-            topic = self._topic(name, KINDS[name].type_name)
+            topic = self._topic(name)
             if len(rows.stamp_ns):
                 messages = self._encoders[name](rows.stamp_ns, **values)
                 blocks.append(MessageBlock(topic, rows.stamp_ns, messages))
         blocks += self._diagnostics(telemetry)
         self._bag.write_blocks(sorted(blocks, key=lambda block: block.topic))
 
-    def _topic(self, name: str, type_name: str) -> int:
+    def _topic(self, name: str) -> int:
         """Return the handle of a topic, which is added where it is new."""
         if name not in self._topics:
-            self._topics[name] = self._bag.add_topic(name, type_name)
+            self._topics[name] = self._bag.add_topic(name, TYPES[name])
         return self._topics[name]
 
     def _diagnostics(self, telemetry: Telemetry) -> list[MessageBlock]:
         """Return the message at 1 Hz, and nothing between."""
-        topic = self._topic('diagnostics', cdr.DIAGNOSTIC_ARRAY)
+        topic = self._topic('diagnostics')
         stamps = telemetry.topics['supply'].stamp_ns
         last = int(stamps[-1]) if len(stamps) else START_NS
         for event in telemetry.events:
@@ -208,21 +207,12 @@ def walking_run(
         raise InputError(f'terrain is {terrain!r}; it is one of {", ".join(TERRAINS)}')
     ground = rough(max(seed, 0)) if terrain == 'rough' else FLAT
     world = walking_world(ground, options.get('payload', 0.0))
-    controller = make_controller(
-        options.get('controller', 'trot'),
-        max(seed, 0),
-        options.get('velocity'),
-        fastest=options.get('fastest'),
-        trust_code=options.get('trust_code', False),
-    )
+    fastest, trust_code = options.get('fastest'), options.get('trust_code', False)
+    walker = options.get('controller', 'trot'), max(seed, 0), options.get('velocity')
+    controller = make_controller(*walker, fastest=fastest, trust_code=trust_code)
+    drives, pushes = options.get('drives'), options.get('pushes', False)
     return OfflineRun(
-        plant,
-        world,
-        controller,
-        duration=duration,
-        seed=seed,
-        drives=options.get('drives'),
-        pushes=options.get('pushes', False),
+        plant, world, controller, duration=duration, seed=seed, drives=drives, pushes=pushes
     )
 
 

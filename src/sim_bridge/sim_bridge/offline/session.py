@@ -17,15 +17,6 @@ _DOWN = 2000  # steps on the ground after a fall
 
 
 @dataclass(frozen=True)
-class CommandSamples:
-    """N commands to the drives."""
-
-    step: NDArray[np.int64]  # [N], held from the end of this step on
-    values: dict[str, Floats]  # position rad, velocity rad/s, effort N·m, as given [N, D]
-    base_velocity: Floats | None  # vx, vy m/s, yaw rate rad/s [N, 3]
-
-
-@dataclass(frozen=True)
 class Event:
     """A `fall` or `push` (`kind`) at a step, with a sentence for the user."""
 
@@ -36,10 +27,12 @@ class Event:
 
 @dataclass(frozen=True)
 class SessionPart:
-    """Readings, commands and events of half a second."""
+    """Readings, N commands to the drives and events of half a second."""
 
     samples: InstrumentReadings
-    commands: CommandSamples
+    step: NDArray[np.int64]  # [N], from whose end on a command is held
+    commands: dict[str, Floats]  # position rad, velocity rad/s, effort N·m, as given [N, D]
+    base_velocity: Floats | None  # vx, vy m/s, yaw rate rad/s [N, 3]
     events: tuple[Event, ...]
 
 
@@ -78,9 +71,7 @@ class SimulatedSession:
         """Make a session; watch: is called with every block before it is measured."""
         self.simulation = simulation
         self._watch = watch
-        self._instruments = instruments
-        self._controller = controller
-        self._pushes = pushes
+        self._instruments, self._controller, self._pushes = instruments, controller, pushes
         self._down = 0
         self._events: list[Event] = []
 
@@ -92,33 +83,28 @@ class SimulatedSession:
 
     def _stretch(self, stop: int) -> SessionPart:
         blocks: list[PlantBlock] = []
-        steps: list[int] = []
-        commands: list[JointCommand] = []
-        velocities: list[Floats | None] = []
+        given: list[tuple[int, JointCommand, Floats | None]] = []
         self._events = []
         while self.simulation.steps < stop:
             command = self._decide()
-            steps.append(self.simulation.steps)
-            commands.append(command)
-            velocities.append(self._controller.velocity)
+            given.append((self.simulation.steps, command, self._controller.velocity))
             self.simulation.hold(command)
             blocks.append(self.simulation.advance(self._controller.period))
             if isinstance(self._controller, SensedWalk):
                 self._controller.sense(*self._instruments.sense(blocks[-1]))
-        given = {
-            entry.name: _stack([getattr(command, entry.name) for command in commands])
-            for entry in fields(JointCommand)
-        }
         block = PlantBlock.join(blocks)
         if self._watch is not None:
             self._watch(block)
+        steps, commands, velocities = zip(*given, strict=True)
+        stacked = {
+            entry.name: _stack([getattr(command, entry.name) for command in commands])
+            for entry in fields(JointCommand)
+        }
         return SessionPart(
             self._instruments.read(block),
-            CommandSamples(
-                np.array(steps),
-                {name: values for name, values in given.items() if values is not None},
-                _stack(velocities),
-            ),
+            np.array(steps),
+            {name: rows for name, rows in stacked.items() if rows is not None},
+            _stack(velocities),
             tuple(self._events),
         )
 

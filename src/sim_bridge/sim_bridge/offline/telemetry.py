@@ -7,16 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
-from power_recordings.messages.samples import (
-    CmdVelSamples,
-    DriveSamples,
-    FootForceSamples,
-    ImuSamples,
-    JointSamples,
-    OdomSamples,
-    Samples,
-    SupplySamples,
-)
+from power_recordings.messages import samples
 from power_recordings.reading.reader import Recording
 from wattwalk_core.anymal import FOOT_NAMES
 from wattwalk_core.arrays import Floats
@@ -70,36 +61,29 @@ class Wire:
 
     def send(self, stretch: SessionPart) -> Telemetry:
         """Return readings as received: quantised by the bus, with ROS stamps, by topic."""
-        samples, commands = stretch.samples, stretch.commands
-        meter, joints, supply = samples.electrical, samples.joints, samples.supply
-        spread, places = self._columns.spread, self._columns.places
-        voltage, current = self._bus.quantise(
-            'electrical', spread(meter.voltage), spread(meter.current)
+        read = stretch.samples
+        meter, joints, supply = read.electrical, read.joints, read.supply
+        voltage, current = self._quantised('electrical', meter.voltage, meter.current)
+        position, velocity, effort = self._quantised(
+            'joints', joints.position, joints.velocity, joints.torque
         )
-        kept = [places[index] for index in self._measured]
-        position, velocity, effort = (
-            values[:, places]
-            for values in self._bus.quantise(
-                'joints', spread(joints.position), spread(joints.velocity), spread(joints.torque)
-            )
-        )
+        kept = self._measured
         topics = {
             'drive_supply': self._rows(
                 meter.step,
                 device_time=self._clock.device_ns(meter.step).astype(np.uint64),
                 voltage=voltage[:, kept],
                 current=current[:, kept],
-                temperature=self._latest_temperature(stretch)[:, self._measured],
-                status=meter.status[:, self._measured],
+                temperature=self._latest_temperature(stretch)[:, kept],
+                status=meter.status[:, kept],
             ),
             'joint_states': self._rows(
                 joints.step, position=position, velocity=velocity, effort=effort
             ),
-            'joint_commands': self._rows(commands.step, **commands.values),
+            'joint_commands': self._rows(stretch.step, **stretch.commands),
             'supply': self._rows(supply.step, voltage=supply.voltage, current=supply.current),
         }
-        if samples.body is not None:
-            body = samples.body
+        if (body := read.body) is not None:
             topics['imu'] = self._rows(
                 body.step,
                 orientation=body.orientation,
@@ -107,8 +91,7 @@ class Wire:
                 linear_acceleration=body.acceleration,
             )
             topics['foot_force'] = self._rows(body.step, effort=body.foot_force)
-        if samples.odometry is not None:
-            odometry = samples.odometry
+        if (odometry := read.odometry) is not None:
             topics['odom'] = self._rows(
                 odometry.step,
                 position=odometry.position,
@@ -116,17 +99,22 @@ class Wire:
                 linear_velocity=odometry.velocity,
                 angular_velocity=odometry.rate,
             )
-        if commands.base_velocity is not None:
-            topics['cmd_vel'] = self._rows(commands.step, velocity=commands.base_velocity)
+        if stretch.base_velocity is not None:
+            topics['cmd_vel'] = self._rows(stretch.step, velocity=stretch.base_velocity)
         return Telemetry(topics, stretch.events)
 
     def _rows(self, step: NDArray[np.int64], **values: NDArray[Any]) -> Rows:
         return Rows(START_NS + self._clock.elapsed_ns(step), values)
 
+    def _quantised(self, group: str, *quantities: Floats) -> list[Floats]:
+        """Return quantities of the joints, [N, D] each, as the bus transmits them."""
+        wide = self._bus.quantise(group, *map(self._columns.spread, quantities))
+        return [values[:, self._columns.places] for values in wide]
+
     def _latest_temperature(self, stretch: SessionPart) -> Floats:
         reading = stretch.samples.temperature
-        (wide,) = self._bus.quantise('temperature', self._columns.spread(reading.temperature))
-        known = np.vstack((self._temperature, wide[:, self._columns.places]))
+        (received,) = self._quantised('temperature', reading.temperature)
+        known = np.vstack((self._temperature, received))
         self._temperature = known[-1]
         steps = stretch.samples.electrical.step
         return known[np.searchsorted(reading.step, steps, side='right')]
@@ -134,10 +122,10 @@ class Wire:
 
 _JOINT_FIELDS: Final = ('position', 'velocity', 'effort')
 _PLAIN: Final[dict[str, Any]] = {
-    'supply': SupplySamples,
-    'imu': ImuSamples,
-    'odom': OdomSamples,
-    'cmd_vel': CmdVelSamples,
+    'supply': samples.SupplySamples,
+    'imu': samples.ImuSamples,
+    'odom': samples.OdomSamples,
+    'cmd_vel': samples.CmdVelSamples,
 }
 
 
@@ -145,26 +133,28 @@ def gather(
     name: str, stretches: Sequence[Telemetry], joints: Sequence[str], measured: Sequence[str]
 ) -> Recording:
     """Join a run's telemetry to a recording in memory; joints, measured: names of columns."""
-    topics = dict.fromkeys(topic for stretch in stretches for topic in stretch.topics)
-    found = {}
-    for topic in topics:
-        rows = _join([part.topics[topic] for part in stretches if topic in part.topics])
-        found[topic] = _samples(topic, rows, tuple(joints), tuple(measured))
-    return Recording.in_memory(name, found)
+    found: dict[str, list[Rows]] = {}
+    for stretch in stretches:
+        for topic, rows in stretch.topics.items():
+            found.setdefault(topic, []).append(rows)
+    names = tuple(joints), tuple(measured)
+    held = {topic: _samples(topic, _join(parts), *names) for topic, parts in found.items()}
+    return Recording.in_memory(name, held)
 
 
 def _samples(
     topic: str, rows: Rows, joints: tuple[str, ...], measured: tuple[str, ...]
-) -> Samples:
+) -> samples.Samples:
     stamps, values = rows.stamp_ns, rows.values
     if topic == 'drive_supply':
         sequence = np.arange(len(stamps), dtype=np.uint64)
-        return DriveSamples(stamps, measured, sequence, **values)
+        return samples.DriveSamples(stamps, measured, sequence, **values)
     if topic == 'foot_force':
-        return FootForceSamples(stamps, FOOT_NAMES, values['effort'])
+        return samples.FootForceSamples(stamps, FOOT_NAMES, values['effort'])
     if topic in ('joint_states', 'joint_commands'):
         absent = np.full((len(stamps), len(joints)), np.nan, np.float32)
-        return JointSamples(stamps, joints, *(values.get(key, absent) for key in _JOINT_FIELDS))
+        fields = (values.get(key, absent) for key in _JOINT_FIELDS)
+        return samples.JointSamples(stamps, joints, *fields)
     return _PLAIN[topic](stamps, **values)  # type: ignore[no-any-return]
 
 

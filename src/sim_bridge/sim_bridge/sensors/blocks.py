@@ -11,33 +11,22 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.simulation import PlantBlock, Simulation
-from sim_bridge.sensors.sensors import (
-    BodyReadings,
-    BodySensors,
-    DeviceClock,
-    JointReadings,
-    JointSensors,
-    Meter,
-    MeterReadings,
-    OdometryReadings,
-    SupplyReadings,
-    SupplySensor,
-    TemperatureReadings,
-    TemperatureSensors,
-    read_odometry,
-)
+from sim_bridge.sensors import sensors
 
 
 @dataclass(frozen=True)
 class InstrumentReadings:
     """Readings of a block; body and odometry are None on a stand."""
 
-    electrical: MeterReadings
-    joints: JointReadings
-    temperature: TemperatureReadings
-    supply: SupplyReadings
-    body: BodyReadings | None
-    odometry: OdometryReadings | None
+    electrical: sensors.MeterReadings
+    joints: sensors.JointReadings
+    temperature: sensors.TemperatureReadings
+    supply: sensors.SupplyReadings
+    body: sensors.BodyReadings | None
+    odometry: sensors.OdometryReadings | None
+
+
+_Sensed = tuple[sensors.JointReadings, sensors.BodyReadings | None]
 
 
 class Instruments:
@@ -49,15 +38,15 @@ class Instruments:
     def __init__(self, simulation: Simulation, seed: int) -> None:
         plant, parameters = simulation.plant, simulation.drives.parameters
         meter, joints, temperature, supply, body = np.random.default_rng(seed).spawn(5)
-        self.clock = DeviceClock.of(plant.meter)
-        self._meter = Meter(plant, parameters, meter)
-        self._joints = JointSensors(plant, parameters, joints)
-        self._temperature = TemperatureSensors(plant, temperature)
-        self._supply = SupplySensor(plant, supply)
-        self._body = BodySensors(body) if simulation.world.floating else None
-        self._sensed: list[tuple[JointReadings, BodyReadings | None]] = []
+        self.clock = sensors.DeviceClock.of(plant.meter)
+        self._meter = sensors.Meter(plant, parameters, meter)
+        self._joints = sensors.JointSensors(plant, parameters, joints)
+        self._temperature = sensors.TemperatureSensors(plant, temperature)
+        self._supply = sensors.SupplySensor(plant, supply)
+        self._body = sensors.BodySensors(body) if simulation.world.floating else None
+        self._sensed: list[_Sensed] = []
 
-    def sense(self, block: PlantBlock) -> tuple[JointReadings, BodyReadings | None]:
+    def sense(self, block: PlantBlock) -> _Sensed:
         """Return readings of joints, IMU and feet for a part of the next block, before `read`."""
         body = None if self._body is None else self._body.read(block)
         self._sensed.append((self._joints.read(block), body))
@@ -75,7 +64,7 @@ class Instruments:
             temperature=self._temperature.read(block),
             supply=self._supply.read(block),
             body=None if self._body is None else _joined(body),
-            odometry=None if self._body is None else read_odometry(block),
+            odometry=None if self._body is None else sensors.read_odometry(block),
         )
 
 

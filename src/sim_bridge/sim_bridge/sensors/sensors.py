@@ -77,13 +77,11 @@ class DeviceClock:
 
     def device_ns(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the device time at the end of step − 1, ns, without wrapping."""
-        shown: NDArray[np.int64] = np.asarray(step) * round(STEP * 1e9) + round(self.offset * 1e9)
-        return shown
+        return np.asarray(step * round(STEP * 1e9) + round(self.offset * 1e9))
 
     def elapsed_ns(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the true time since step 0, ns."""
-        nominal = np.asarray(step) * (STEP * 1e9)
-        return np.rint(nominal / (1.0 + 1e-6 * self.drift)).astype(np.int64)
+        return np.rint(step * (STEP * 1e9) / (1.0 + 1e-6 * self.drift)).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -118,11 +116,9 @@ class Meter:
 
     def read(self, block: PlantBlock) -> MeterReadings:
         """Return the readings of a block; blocks must follow each other without a gap."""
+        steps, rows = due_steps(block, METER_PERIOD)
         signals = np.column_stack((block.current, block.voltage))
-        signals = self._delay(self._filter(signals))
-        step = np.arange(block.first + 1, block.first + block.steps + 1)
-        due = step % METER_PERIOD == 0
-        signals = signals[due]
+        signals = self._delay(self._filter(signals))[rows]
         meter, drives = self._meter, signals.shape[1] - 1
         noise = self._random.standard_normal((len(signals), 2, drives))
         voltage = signals[:, drives:] * self._voltage_gain + meter.voltage_noise * noise[:, 0]
@@ -133,7 +129,7 @@ class Meter:
         status = (UNDERRANGE * under + OVERRANGE * over).astype(np.uint8)
         levels = 2**meter.bits
         return MeterReadings(
-            step=step[due],
+            step=steps,
             voltage=_digitise(voltage, 0.0, meter.voltage_range, levels),
             current=_digitise(current, -meter.current_range, meter.current_range, levels),
             status=status,
@@ -142,8 +138,7 @@ class Meter:
 
 def _digitise(values: Floats, low: float, high: float, levels: int) -> Floats:
     size = (high - low) / levels
-    counts = np.clip(np.rint((values - low) / size), 0, levels - 1)
-    return low + counts * size
+    return low + np.clip(np.rint((values - low) / size), 0, levels - 1) * size
 
 
 Steps = NDArray[np.int64]
