@@ -8,15 +8,7 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from wattwalk_core.anymal import (
-    DEFAULT_POSE,
-    FOOT_NAMES,
-    FOOT_RADIUS,
-    JOINT_NAMES,
-    LEGS,
-    LIMITS,
-    STANDING_HEIGHT,
-)
+from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES, LEGS, STANDING_HEIGHT
 from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.drive_steps import foot_force
@@ -87,9 +79,8 @@ def build_spec(
     _add_sensors(spec)
     if contact_sensors:
         _add_contact_sensors(spec)
-    spec.add_key(
-        name='default', qpos=[0.0, 0.0, STANDING_HEIGHT, 1.0, 0.0, 0.0, 0.0, *DEFAULT_POSE]
-    )
+    standing = [0.0, 0.0, STANDING_HEIGHT, 1.0, 0.0, 0.0, 0.0, *anymal.DEFAULT_POSE]
+    spec.add_key(name='default', qpos=standing)
     return spec
 
 
@@ -184,7 +175,7 @@ def _add_leg(base: mujoco.MjsBody, leg: str, armature: float) -> None:
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=[1, 0, 0] if joint == 'HAA' else [0, 1, 0],
             limited=True,
-            range=LIMITS[JOINT_NAMES.index(f'{leg}_{joint}')],
+            range=anymal.LIMITS[JOINT_NAMES.index(f'{leg}_{joint}')],
             armature=armature,
         )
         bodies.append(body)
@@ -195,7 +186,7 @@ def _add_leg(base: mujoco.MjsBody, leg: str, armature: float) -> None:
     _add_shell(hip, f'{leg}_HIP', sphere, size=[0.08, 0, 0], pos=[0.06 * sx, 0, 0])
     _add_shell(thigh, f'{leg}_THIGH', capsule, size=[0.045, 0, 0], fromto=upper)
     _add_shell(shank, f'{leg}_SHANK', capsule, size=[0.022, 0, 0], fromto=lower)
-    _add_shell(shank, f'{leg}_FOOT', sphere, size=[FOOT_RADIUS, 0, 0], pos=sole, dark=True)
+    _add_shell(shank, f'{leg}_FOOT', sphere, size=[anymal.FOOT_RADIUS, 0, 0], pos=sole, dark=True)
     shank.add_site(name=f'{leg}_FOOT', pos=sole)
 
 

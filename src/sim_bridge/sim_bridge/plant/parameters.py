@@ -7,7 +7,7 @@ A plant is read from a YAML file; the sources of the figures are in
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -101,15 +101,13 @@ def expand(values: object) -> object:
     """Return effects with short forms (true, false, a strength) as {enabled, strength}."""
     if not isinstance(values, Mapping):
         return values
-    return {name: _expanded(value) for name, value in values.items()}
-
-
-def _expanded(value: object) -> object:
-    if isinstance(value, bool):
-        return {'enabled': value}
-    if isinstance(value, int | float):
-        return {'enabled': value != 0, 'strength': value or 1.0}
-    return value
+    expanded = dict(values)
+    for name, value in values.items():
+        if isinstance(value, bool):
+            expanded[name] = {'enabled': value}
+        elif isinstance(value, int | float):
+            expanded[name] = {'enabled': value != 0, 'strength': value or 1.0}
+    return expanded
 
 
 PLANTS = Path(__file__).parents[1] / 'plants'
@@ -289,10 +287,11 @@ class Plant:
 
     def with_effects(self, **changes: SimulatedEffect | bool | float) -> 'Plant':
         """Return the plant with effects switched or scaled, as `with_effects(fan=True)`."""
-        current: dict[str, Any] = asdict(self.effects)
-        for name, value in changes.items():
-            current[name] = asdict(value) if isinstance(value, SimulatedEffect) else value
-        return replace(self, effects=Effects.parse(current))
+        given = {
+            name: asdict(value) if isinstance(value, SimulatedEffect) else value
+            for name, value in changes.items()
+        }
+        return replace(self, effects=Effects.parse({**asdict(self.effects), **given}))
 
     def parameters(self, drive: str) -> DriveParameters:
         """Return the parameters of the drive's type; InputError for an unknown type."""
@@ -316,11 +315,11 @@ class Plant:
             entry.name: np.array([float(getattr(row, entry.name)) for row in rows])
             for entry in fields(DriveParameters)
         }
-        errors = [_Draw(self, drive) for drive in drives]
+        errors = [_spread(self.unit_number, drive) for drive in drives]
         for group, names in _SPREAD_OF.items():
             width = getattr(self.spread, group)
             for name in names:
-                values[name] *= np.array([draw.factor(width) for draw in errors])
+                values[name] *= np.array([np.exp(width * next(error)) for error in errors])
         spread = self.spread
         for name, centre, width in (
             ('voltage_gain', 1.0 + self.meter.voltage_gain_error, spread.meter_gain / 2),
@@ -328,7 +327,7 @@ class Plant:
             ('current_offset', self.meter.current_offset, spread.meter_offset),
             ('torque_bias', self.sensors.torque_bias, spread.torque_bias),
         ):
-            values[name] = np.array([centre + draw.shift(width) for draw in errors])
+            values[name] = np.array([centre + width * next(error) for error in errors])
         apply_wear(values, drives, self.wear)
         return values
 
@@ -354,17 +353,8 @@ class Plant:
         write_whole(path, dump_yaml(asdict(self)))
 
 
-class _Draw:
-    """Random spread of one drive's parameters, in a fixed order; none for unit 0."""
-
-    def __init__(self, plant: Plant, drive: str) -> None:
-        entropy = [plant.unit_number, *drive.encode()]
-        self._random = np.random.default_rng(entropy) if plant.unit_number else None
-
-    def factor(self, width: float) -> float:
-        return float(np.exp(self.shift(width)))
-
-    def shift(self, width: float) -> float:
-        if self._random is None:
-            return 0.0
-        return width * float(np.clip(self._random.standard_normal(), -2.5, 2.5))
+def _spread(unit: int, drive: str) -> Iterator[float]:
+    """Yield the random errors of a drive's parameters, in a fixed order; zeros for unit 0."""
+    random = np.random.default_rng([unit, *drive.encode()])
+    while True:
+        yield float(np.clip(random.standard_normal(), -2.5, 2.5)) if unit else 0.0

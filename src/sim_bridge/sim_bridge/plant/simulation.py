@@ -7,12 +7,13 @@ from typing import Final
 
 import mujoco
 import numpy as np
+from wattwalk_core.anymal import FOOT_NAMES
 from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.circuit import Bus, Circuit
 from sim_bridge.plant.drive import Drives, JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.world import World, fallen
+from sim_bridge.plant.world import World
 
 STEP: Final = 0.0005  # s
 JOINT_PERIOD: Final = 5  # steps between joint samples: 400 Hz
@@ -119,8 +120,15 @@ class Simulation:
 
     @property
     def fallen(self) -> str | None:
-        """Reason why the robot has fallen, or None."""
-        return fallen(self.world, self._data)
+        """Reason why the robot has fallen, in a few words, or None."""
+        if not self.world.floating:
+            return None
+        data = self._data
+        upright = 1.0 - 2.0 * (data.qpos[4] ** 2 + data.qpos[5] ** 2)
+        if upright < 0.5:
+            return f'tilted by {np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))):.0f} degrees'
+        height = float(data.qpos[2] - min(data.site(name).xpos[2] for name in FOOT_NAMES))
+        return f'base only {height:.2f} m above the feet' if height < 0.25 else None
 
     def reset(self) -> None:
         """Reset the robot's pose; time, temperatures and bus voltage continue."""

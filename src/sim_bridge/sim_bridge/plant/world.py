@@ -1,12 +1,11 @@
 """Worlds that the drives move: the walking robot, or one drive on a stand."""
 
 from dataclasses import dataclass
-from math import pi
 from typing import Annotated
 
 import mujoco
 import numpy as np
-from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import CheckedFields, Quantity
@@ -68,9 +67,8 @@ class Stand(CheckedFields):
             raise InputError(f'stand inertia is {self.inertia!r}; give at least 1e-4 kg·m²')
 
 
-def stand_world(joint: str, stand: Stand | None = None) -> World:
+def stand_world(joint: str, load: Stand = Stand()) -> World:
     """Return one drive on a stand, hanging at 0 rad; positive angles swing it to the front."""
-    load = Stand() if stand is None else stand
     spec = mujoco.MjSpec()
     spec.modelname = 'stand'
     spec.option.timestep = TIMESTEP
@@ -88,15 +86,3 @@ def stand_world(joint: str, stand: Stand | None = None) -> World:
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     motor.set_to_motor()
     return World(spec.compile(), (joint,), np.zeros(1))
-
-
-def fallen(world: World, data: mujoco.MjData) -> str | None:
-    """Return the reason why the robot has fallen, in a few words, or None."""
-    if not world.floating:
-        return None
-    upright = 1.0 - 2.0 * (data.qpos[4] ** 2 + data.qpos[5] ** 2)
-    if upright < 0.5:
-        return f'tilted by {np.arccos(np.clip(upright, -1.0, 1.0)) * 180 / pi:.0f} degrees'
-    soles = min(data.site(name).xpos[2] for name in FOOT_NAMES)
-    height = float(data.qpos[2] - soles)
-    return f'base only {height:.2f} m above the feet' if height < 0.25 else None
