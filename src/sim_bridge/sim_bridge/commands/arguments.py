@@ -91,24 +91,18 @@ def record(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
     add('--seed', type=int, default=SEED, help='of commands, noise, terrain and pushes')
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
-    add(
-        '--controllers',
-        nargs='+',
-        default=['trot'],
-        metavar='POLICY',
-        help='of the set paper: policies that each walk all of it, by name or folder (trot)',
-    )
+    walkers = 'of the set paper: policies that each walk all of it, by name or folder (trot)'
+    add('--controllers', nargs='+', default=['trot'], metavar='POLICY', help=walkers)
     add('--fastest', metavar='VX,VY,YAW', help='of its random commands, also mixed')
     add_workplace(parser, 'recordings')
     options = parser.parse_args(own_arguments(args))
     options.place = Workplace.of(options)
     if (options.set == 'ageing') != (options.plan is not None):
         raise InputError('--plan FILE.yaml belongs to the set ageing; give both or neither')
-    if options.set != 'paper' and options.controllers != ['trot']:
-        raise InputError(f'--controllers belongs to the set paper; {options.set} has its own')
+    for name, default in (('controllers', ['trot']), ('fastest', None)):
+        if options.set != 'paper' and getattr(options, name) != default:
+            raise InputError(f'--{name} belongs to the set paper; {options.set} has its own')
     if options.fastest is not None:
-        if options.set != 'paper':
-            raise InputError(f'--fastest belongs to the set paper; {options.set} has its own')
         options.fastest = parse_velocity(options.fastest, '--fastest')
         CommandRange.up_to(options.fastest)  # its ranges
     return options
@@ -129,15 +123,12 @@ examples:
 
 
 @entry_point(
-    'sim_bridge.commands.sim:run',
-    'The simulated robot, its drives and their power meter.',
-    _SIM,
+    'sim_bridge.commands.sim:run', 'The simulated robot, its drives and their power meter.', _SIM
 )
 def sim(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--offline', action='store_true', help='write a bag as fast as the machine can')
-    offline = parser.add_argument_group('with --offline')
-    add = offline.add_argument
+    add = parser.add_argument_group('with --offline').add_argument
     add('--seed', type=int, default=0, help='of commands, noise, terrain and pushes')
     add('--duration', type=float, default=60.0, metavar='S', help='seconds to simulate')
     add('-o', '--output', type=Path, metavar='BAG', help='folder of the bag to write')
@@ -161,6 +152,7 @@ Needs root, for raw sockets. example, on a cable of two virtual ends:
   ros2 run power_daq daq --ros-args -p interface:=ethercat -p channel:=ecat0 \\
       -p mapping:=ethercat.yaml
 """
+_VOLTS = 'at the inputs, two for each terminal'
 
 
 @entry_point(
@@ -169,15 +161,9 @@ Needs root, for raw sockets. example, on a cable of two virtual ends:
     _ETHERCAT_SEGMENT,
 )
 def ethercat_segment(parser: ArgumentParser, args: Arguments) -> Namespace:
-    parser.add_argument('--interface', required=True, metavar='NAME', help='such as ecat1')
-    parser.add_argument(
-        *('--volts', '-v'),
-        type=float,
-        nargs='+',
-        default=[4.8, 0.4],
-        metavar='V',
-        help='at the inputs, two for each terminal',
-    )
+    add = parser.add_argument
+    add('--interface', required=True, metavar='NAME', help='such as ecat1')
+    add('--volts', '-v', type=float, nargs='+', default=[4.8, 0.4], metavar='V', help=_VOLTS)
     return parser.parse_args(own_arguments(args))
 
 

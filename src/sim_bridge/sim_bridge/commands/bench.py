@@ -14,40 +14,26 @@ from sim_bridge.plant.world import Stand, stand_world
 from sim_bridge.sensors.sensors import DeviceClock
 
 
-def _stand(options: argparse.Namespace) -> Stand:
-    if options.load is None:
-        return Stand(options.inertia, options.mass, options.length)
-    if options.mass:
-        raise InputError('--load and --mass say the same; give one of the two')
-    load = Load.of(options.load)
-    return Stand(options.inertia, load.mass, load.length)
-
-
 def run(options: argparse.Namespace) -> None:
     """Simulate a motion on the stand and write its bag, with options as of `bench`."""
     wanted = find_motion(options.motion, options.mode)
-    plant, stand = Plant.load(options.plant, options.unit), _stand(options)
-    pull = Load(stand.mass, stand.length).pull
+    plant = Plant.load(options.plant, options.unit)
+    if options.load is not None and options.mass:
+        raise InputError('--load and --mass say the same; give one of the two')
+    load = Load(options.mass, options.length) if options.load is None else Load.of(options.load)
+    stand = Stand(options.inertia, load.mass, load.length)
     changed = wanted.changed(options.amplitude, options.frequency, options.duration)
-    motion = MotionController(changed.with_pull(pull), Mounting(pull))
+    motion = MotionController(changed.with_pull(load.pull), Mounting(load.pull))
     world = stand_world(options.drive, stand)
     analyser = None
     if options.analyser is not None:
         check_output(options.analyser)
         given = AnalyserParameters(
-            rate=options.analyser_rate,
-            clock_offset=options.analyser_offset,
-            clock_drift=options.analyser_drift,
+            options.analyser_rate, options.analyser_offset, options.analyser_drift
         )
         analyser = Analyser(given, DeviceClock.of(plant.meter), seed=options.seed)
-    run = OfflineRun(
-        plant,
-        world,
-        motion,
-        duration=motion.seconds,
-        seed=options.seed,
-        watch=None if analyser is None else analyser.watch,
-    )
+    watch = None if analyser is None else analyser.watch
+    run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed, watch=watch)
     card = run.card('bench', notes='simulated drive on a stand')
     write_bag(options.output, run, card, overwrite=options.overwrite, progress=True)
     print(f'wrote {options.output}')

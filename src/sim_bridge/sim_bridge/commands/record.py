@@ -44,42 +44,33 @@ def plans(
 ) -> tuple[RecordingPlan, ...]:
     """Return the recordings of the set `paper` or `robustness`, with seeds that count up.
 
-    which: `paper` or `robustness`. controllers: policies by name or folder; with several, the set
-    `paper` is recorded once with each. fastest: limits of its random velocity commands: m/s
-    forwards, m/s sideways, rad/s; default those of `CommandRange`.
+    controllers: policies by name or folder; with several, the set `paper` is recorded once with
+    each. fastest: limits of its random velocity commands: m/s forwards, m/s sideways, rad/s; those
+    of `CommandRange` if None.
     """
-    if which == 'paper':
-        alone = len(controllers) == 1
-        return tuple(
-            RecordingPlan(
-                kind if alone else f'{kind}_{name}',
-                seed + i + _APART * number,
-                (f'LF_{kind}',),
-                controller,
-                terrain='rough',
-                pushes=True,
-                fastest=fastest,
-            )
-            for number, (name, controller) in enumerate(by_short_name(controllers).items())
-            for i, kind in enumerate(JOINT_TYPES)
-        )
     if which == 'robustness':
         return (
             RecordingPlan('trot_slow', seed + 10, JOINT_NAMES, 'trot_slow'),
             RecordingPlan('trot_high', seed + 11, JOINT_NAMES, 'trot_high'),
             RecordingPlan('unit', seed + 12, JOINT_NAMES, unit=2),
         )
-    raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
+    return tuple(
+        RecordingPlan(
+            kind if len(controllers) == 1 else f'{kind}_{name}',
+            seed + i + _APART * number,
+            (f'LF_{kind}',),
+            controller,
+            terrain='rough',
+            pushes=True,
+            fastest=fastest,
+        )
+        for number, (name, controller) in enumerate(by_short_name(controllers).items())
+        for i, kind in enumerate(JOINT_TYPES)
+    )
 
 
 def record(
-    plan: RecordingPlan,
-    folder: Path,
-    seconds: float,
-    plant: str,
-    *,
-    loaded: Plant,
-    progress: bool,
+    plan: RecordingPlan, folder: Path, seconds: float, plant: str, *, loaded: Plant, progress: bool
 ) -> bool:
     """Make one recording in a folder; return False if it is there already, complete.
 
@@ -90,21 +81,18 @@ def record(
         raise InputError(f'--seconds is {seconds:g}; it must lie in {_SHORTEST:g}..{_LONGEST:g}')
     bag = folder / plan.name
     content = {**asdict(plan), 'drives': list(plan.drives)}
-    if plan.fastest is None:
-        del content['fastest']  # older recordings do not have it
-    else:
-        content['fastest'] = list(plan.fastest)
+    fastest = content.pop('fastest')
+    if fastest is not None:  # older recordings do not have it
+        content['fastest'] = list(fastest)
     wanted = {'plan': content, 'seconds': seconds, 'plant': plant}
-    if (bag / FILE).exists():
-        found = Card.load(bag).other
-        for key in wanted if 'plan' in found else ():
-            if found.get(key) != wanted[key]:
+    if (bag / FILE).exists() and 'plan' in (found := Card.load(bag).other):
+        for key, value in wanted.items():
+            if found.get(key) != value:
                 raise InputError(
-                    f'{bag} was recorded with {key} = {found.get(key)}, not {wanted[key]}; '
-                    f'give another folder'
+                    f'{bag} was recorded with {key} = {found.get(key)}, not {value}; '
+                    'give another folder'
                 )
-        if 'plan' in found:
-            return False
+        return False
     folder.mkdir(parents=True, exist_ok=True)
     run_offline(
         bag,
@@ -124,7 +112,7 @@ def record(
     return True
 
 
-def _age(options: argparse.Namespace) -> int:
+def _age(options: argparse.Namespace) -> None:
     if options.seconds is not None or options.seed != SEED:
         raise InputError('--seconds and --seed are entries of the plan in the set ageing')
     plan = AgeingPlan.load(options.plan)
@@ -132,13 +120,13 @@ def _age(options: argparse.Namespace) -> int:
         for number, bag in enumerate(record_history(plan, options.output, engine), 1):
             print(f'{number} of {len(plan.days)}: {bag} recorded', flush=True)
     print(f'next: ros2 run power_fleet track {options.output}/* --model model.yaml')
-    return 0
 
 
-def run(options: argparse.Namespace) -> int:
-    """Make those recordings of a set that do not exist yet; return the exit status."""
+def run(options: argparse.Namespace) -> None:
+    """Make those recordings of a set that do not exist yet."""
     if options.plan is not None:
-        return _age(options)
+        _age(options)
+        return
     place = options.place
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
     wanted = plans(options.set, options.seed, options.controllers, options.fastest)
@@ -161,4 +149,3 @@ def run(options: argparse.Namespace) -> int:
         if options.set == 'paper'
         else f'next: ros2 run power_estimator benchmark {bags} --models ppn:runs/paper'
     )
-    return 0
