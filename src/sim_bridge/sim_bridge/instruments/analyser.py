@@ -18,7 +18,6 @@ from sim_bridge.sensors.sensors import DeviceClock
 _RIPPLE_PER_TURN: Final = 6 * 21 * 50
 """Commutations of the inverter, poles in pairs and gear: periods per turn of the joint."""
 _LOWEST, _FULL = 2000.0, 4000.0  # Hz, between which the ripple sets in
-_CHUNK: Final = 200_000  # rows
 
 
 @schema
@@ -47,8 +46,7 @@ class Analyser:
 
     def __init__(self, parameters: AnalyserParameters, clock: DeviceClock, seed: int = 0) -> None:
         """Make an analyser; clock: times the plant's steps; seed: of noise and ripple."""
-        self._given = parameters
-        self._clock = clock
+        self._given, self._clock = parameters, clock
         self._random = np.random.default_rng([seed, 0xA7A1])
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 
@@ -86,14 +84,12 @@ class Analyser:
         joint = np.concatenate([[angle[0]], angle])
         phase = np.interp(fine, edges, joint) * _RIPPLE_PER_TURN
         step = np.minimum(np.searchsorted(edges, fine, side='right') - 1, len(current) - 1)
-        speed = np.diff(joint) / np.diff(edges)
-        frequency = np.abs(speed) * _RIPPLE_PER_TURN / (2.0 * pi)
+        frequency = np.abs(np.diff(joint) / np.diff(edges)) * _RIPPLE_PER_TURN / (2.0 * pi)
         size = np.abs(current) * np.clip((frequency - _LOWEST) / (_FULL - _LOWEST), 0.0, 1.0)
         raw = size[step] * np.sin(phase)
         seen = np.bincount(step, minlength=len(current))
         mean = np.bincount(step, raw, minlength=len(current)) / np.maximum(seen, 1)
-        ripple: Floats = raw - mean[step]
-        return ripple
+        return np.asarray(raw - mean[step], np.float64)
 
     def save(self, path: Path) -> int:
         """Write the log as CSV and return its number of rows; RecordingError if that fails."""
@@ -104,8 +100,7 @@ class Analyser:
             f'Rate,{self._given.rate:g} Hz\n\n'
             'Time [s],U [V],I [A],P [W]\n'
         )
-        for first in range(0, len(rows), _CHUNK):
-            np.savetxt(text, rows[first : first + _CHUNK], '%.6f,%.4f,%.5f,%.4f')
+        np.savetxt(text, rows, '%.6f,%.4f,%.5f,%.4f')
         write_whole(path, text.getvalue())
         return len(rows)
 

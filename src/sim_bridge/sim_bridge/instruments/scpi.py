@@ -28,19 +28,12 @@ _ERRORS = {
     -222: 'Data out of range',
     -350: 'Queue overflow',
 }
-_SHORT = {
-    'MEASURE': 'MEAS',
-    'VOLTAGE': 'VOLT',
-    'CURRENT': 'CURR',
-    'POWER': 'POW',
-    'ARRAY': 'ARR',
-    'SYSTEM': 'SYST',
-    'NOMINAL': 'NOM',
-    'ERROR': 'ERR',
-    'OWNER': 'OWN',
-    'OUTPUT': 'OUTP',
-    'SOURCE': 'SOUR',
-}
+_LONG = (
+    *('MEASURE', 'VOLTAGE', 'CURRENT', 'POWER', 'ARRAY', 'SYSTEM', 'NOMINAL', 'ERROR', 'OWNER'),
+    'OUTPUT',
+)
+_SHORT = {word: word[: 3 if word[3] in 'AEIOU' else 4] for word in _LONG}
+"""Short forms by SCPI's rule: four letters, or three where the fourth is a vowel."""
 
 Sent = Sequence[tuple[float, bytes]]
 
@@ -71,7 +64,7 @@ class SupplyState:
         words = [_SHORT.get(word, word) for word in words if word not in ('SOUR', 'SOURCE')]
         name = ':'.join(words)
         if header.endswith('?'):
-            return self._answer(name)
+            return self._next_error() if name == 'SYST:ERR' else self._answer(name)
         self._set(name, argument.strip())
         return None
 
@@ -86,24 +79,22 @@ class SupplyState:
         now = self._terminals() if self.output else Terminals(0.0, 0.0)
         voltage, current = f'{now.voltage:.2f} V', f'{now.current:.2f} A'
         power = f'{now.voltage * now.current:.1f} W'
-        answers: dict[str, Callable[[], str]] = {
-            '*IDN': lambda: IDENTITY,
-            'MEAS:ARR': lambda: f'{voltage}, {current}, {power}',
-            'MEAS:VOLT': lambda: voltage,
-            'MEAS:CURR': lambda: current,
-            'MEAS:POW': lambda: power,
-            'SYST:NOM:VOLT': lambda: f'{RATED_VOLTAGE:.2f} V',
-            'SYST:NOM:CURR': lambda: f'{RATED_CURRENT:.2f} A',
-            'SYST:ERR': self._next_error,
-            'SYST:LOCK:OWN': lambda: 'REMOTE' if self.remote else 'NONE',
-            'VOLT': lambda: f'{self.voltage:.2f} V',
-            'CURR': lambda: f'{self.current:.2f} A',
-            'OUTP': lambda: 'ON' if self.output else 'OFF',
+        answers = {
+            '*IDN': IDENTITY,
+            'MEAS:ARR': f'{voltage}, {current}, {power}',
+            'MEAS:VOLT': voltage,
+            'MEAS:CURR': current,
+            'MEAS:POW': power,
+            'SYST:NOM:VOLT': f'{RATED_VOLTAGE:.2f} V',
+            'SYST:NOM:CURR': f'{RATED_CURRENT:.2f} A',
+            'SYST:LOCK:OWN': 'REMOTE' if self.remote else 'NONE',
+            'VOLT': f'{self.voltage:.2f} V',
+            'CURR': f'{self.current:.2f} A',
+            'OUTP': 'ON' if self.output else 'OFF',
         }
         if name not in answers:
             self.error(-113)
-            return None
-        return answers[name]()
+        return answers.get(name)
 
     def _next_error(self) -> str:
         if not self._errors:
@@ -128,10 +119,10 @@ class SupplyState:
             self.error(-113)
 
     def _switch(self, argument: str, before: bool) -> bool:
-        if argument.upper() not in ('ON', 'OFF', '1', '0'):
-            self.error(-104)
-            return before
-        return argument.upper() in ('ON', '1')
+        if argument.upper() in ('ON', 'OFF', '1', '0'):
+            return argument.upper() in ('ON', '1')
+        self.error(-104)
+        return before
 
     def _number(self, argument: str, before: float, most: float) -> float:
         try:

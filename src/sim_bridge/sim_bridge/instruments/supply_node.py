@@ -9,13 +9,7 @@ from sensor_msgs.msg import BatteryState
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
 
-from sim_bridge.instruments.scpi import (
-    RATED_CURRENT,
-    RATED_VOLTAGE,
-    ScpiInstrument,
-    SupplyState,
-    Terminals,
-)
+from sim_bridge.instruments import scpi
 
 _STALE = 0.5
 
@@ -28,20 +22,19 @@ class SupplyInstrumentNode(Node):
         given = DeviceParameters(self)
         host = given.text('host', '127.0.0.1', 'address to listen on')
         port = given.whole('port', 5025, 'TCP port to listen on; 0: a free one', 0, 65535)
-        self._constant = Terminals(
-            given.real('voltage', 48.0, 'V, while no topic is heard', 0.0, RATED_VOLTAGE),
-            given.real(
-                'current', 0.0, 'A, while no topic is heard', -RATED_CURRENT, RATED_CURRENT
-            ),
+        text, volts, amps = 'while no topic is heard', scpi.RATED_VOLTAGE, scpi.RATED_CURRENT
+        self._constant = scpi.Terminals(
+            given.real('voltage', 48.0, f'V, {text}', 0.0, volts),
+            given.real('current', 0.0, f'A, {text}', -amps, amps),
         )
-        self._heard: tuple[float, Terminals] | None = None
-        self._instrument = ScpiInstrument(SupplyState(self.terminals), host, port)
-        self.create_subscription(
-            BatteryState, 'simulated_supply', self._hear, QoSProfile(depth=10)
-        )
+        self._heard: tuple[float, scpi.Terminals] | None = None
+        state = scpi.SupplyState(self.terminals)
+        self._instrument = scpi.ScpiInstrument(state, host, port)
+        qos = QoSProfile(depth=10)
+        self.create_subscription(BatteryState, 'simulated_supply', self._hear, qos)
         self.get_logger().info(f'listening on {self._instrument.host}:{self._instrument.port}')
 
-    def terminals(self) -> Terminals:
+    def terminals(self) -> scpi.Terminals:
         """Return the newest values of the topic; constants once they are 0.5 s old."""
         heard = self._heard
         if heard is None or time.monotonic() - heard[0] > _STALE:
@@ -49,7 +42,7 @@ class SupplyInstrumentNode(Node):
         return heard[1]
 
     def _hear(self, message: BatteryState) -> None:
-        self._heard = time.monotonic(), Terminals(message.voltage, -message.current)
+        self._heard = time.monotonic(), scpi.Terminals(message.voltage, -message.current)
 
     def stop(self) -> None:
         """Close the socket."""

@@ -10,7 +10,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 
 from wattwalk_core.errors import InputError
@@ -140,9 +140,8 @@ class EL3102(SlaveController):
             count = round(volts * 32767 / 10)
             status = self._toggle | (0x4000 if self.faults.invalid else 0)
             status |= 0x41 if count < -32767 else 0x42 if count > 32767 else 0
-            at = _INPUTS + 4 * number
             clipped = max(-32767, min(32767, count))
-            self.memory[at : at + 4] = struct.pack('<Hh', status, clipped)
+            struct.pack_into('<Hh', self.memory, _INPUTS + 4 * number, status, clipped)
 
     def mailbox(self, request: bytes) -> bytes | None:
         """Return the CoE answer to an SDO upload or download of up to four bytes, else b''."""
@@ -246,8 +245,7 @@ class EmulatedSegment:
         while not self._stop.is_set():
             with suppress(TimeoutError, OSError):
                 frame = self._socket.recv(2048)
-                answer = process(frame, self.slaves) if self.plugged else None
-                if answer is not None:
+                if self.plugged and (answer := process(frame, self.slaves)) is not None:
                     self.frames += 1
                     self._socket.send(answer)
 
@@ -256,7 +254,7 @@ def _constant(volts: Volts) -> Callable[[], Volts]:
     return lambda: volts
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Serve a coupler and terminals until Ctrl-C; InputError for an unusable interface."""
     if len(options.volts) % 2:
         raise InputError(f'--volts has {len(options.volts)} numbers; give two for each terminal')
@@ -270,10 +268,6 @@ def run(options: argparse.Namespace) -> int:
             'need root'
         ) from error
     print(f'EK1100 and {len(pairs)} EL3102 on {options.interface}; Ctrl-C ends it', flush=True)
-    try:
+    with closing(segment), suppress(KeyboardInterrupt):
         while True:
             time.sleep(1.0)
-    except KeyboardInterrupt:
-        return 0
-    finally:
-        segment.close()
