@@ -179,10 +179,8 @@ def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
     found, angles = ([_named(c, drives) for c in part] for part in (found, angles))
     found = [c for c in found if not _of_phase(c, names)]
     placed = [c.drive for c in (*found, *angles) if c.quantity == 'position']
-    return [
-        *found,
-        *(c for c in angles if bool(c.drive) == bool(drives) and placed.count(c.drive) == 1),
-    ]
+    angles = [c for c in angles if bool(c.drive) == bool(drives) and placed.count(c.drive) == 1]
+    return [*found, *angles]
 
 
 def _of_phase(candidate: CandidateColumn, names: Set[str]) -> bool:
@@ -198,9 +196,8 @@ def _named(candidate: CandidateColumn, drives: Set[str]) -> CandidateColumn:
     key = drive_key(candidate.address)
     said = {word.upper() for word in words(_stem(candidate.address)).split('_')}
     own = drives & (said | {key, f'DRIVE_{key}'} - {''})
-    return (
-        replace(candidate, drive=min(own)) if len(own) == 1 and not candidate.drive else candidate
-    )
+    alone = len(own) == 1 and not candidate.drive
+    return replace(candidate, drive=min(own)) if alone else candidate
 
 
 def is_mere_angle(candidate: CandidateColumn) -> bool:
@@ -291,24 +288,17 @@ def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
     for c in found:
         if key := drive_key(c.address):
             kinds[key].add(c.quantity)
-            alike[c.quantity, c.address.replace(key, '*')].add(key)
-    rows = {
-        key
-        for (quantity, _), keys in alike.items()
-        if quantity in _MOTION
-        for key in keys
-        if len(keys) > 1
-    }
+            if c.quantity in _MOTION:
+                alike[c.quantity, c.address.replace(key, '*')].add(key)
+    rows = set[str]().union(*(keys for keys in alike.values() if len(keys) > 1))
     drives = {
-        key for key, own in kinds.items() if (len(own) > 1 or key in rows) and own & set(_MOTION)
+        key: f'DRIVE_{key}' if key.isdigit() else key
+        for key, own in kinds.items()
+        if (len(own) > 1 or key in rows) and own & set(_MOTION)
     }
     if len(drives) < 2 and all(key.isdigit() for key in drives):
         return list(found)
-    return [
-        replace(c, drive=f'DRIVE_{key}' if key.isdigit() else key) if key in drives else c
-        for c in found
-        for key in (drive_key(c.address),)
-    ]
+    return [replace(c, drive=drives.get(drive_key(c.address), '')) for c in found]
 
 
 def _by_word(
@@ -358,11 +348,8 @@ def _by_word(
             drives = {w for w in drives if not re.fullmatch(_NO_DRIVE, w.split('_')[-1])}
         firsts = {word.split('_')[0] for word in drives}
         if len(drives) > (len(firsts) if inner and place != _SECOND else 1):
-            return [
-                replace(c, drive=word.upper()) if word in drives else c
-                for c in found
-                for word in (own_of[c.address],)
-            ]
+            names_of = {word: word.upper() for word in drives}
+            return [replace(c, drive=names_of.get(own_of[c.address], '')) for c in found]
     return list(found)
 
 
@@ -387,12 +374,16 @@ def _beside_numbers(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
 
 def _coupled(row: Sequence[CandidateColumn]) -> bool:
     """Tell whether columns go as one shaft does, whose two ends or sides of a gear they are."""
-    for one, other in combinations(row[:_COMPARED], 2):
-        if len(one.values) != len(other.values):
-            continue
-        good = np.isfinite(one.values + other.values)
-        x, y = one.values[good], other.values[good]
-        moves = len(x) and np.ptp(x) > 0 and np.ptp(y) > 0
-        if moves and abs(np.corrcoef(x, y)[0, 1]) > _ONE:
-            return True
-    return False
+    pairs = combinations([c.values for c in row[:_COMPARED]], 2)
+    return any(abs(correlation(x, y) or 0.0) > _ONE for x, y in pairs)
+
+
+def correlation(x: Floats, y: Floats, fewest: int = 1) -> float | None:
+    """Return the correlation of two columns [N] over rows where both are numbers.
+
+    None for columns of other lengths, fewer than `fewest` such rows, or one that is still.
+    """
+    good = np.isfinite(x) & np.isfinite(y) if len(x) == len(y) else np.zeros(0, np.bool_)
+    if good.sum() < fewest or not min(np.ptp(x[good]), np.ptp(y[good])) > 0:
+        return None
+    return float(np.corrcoef(x[good], y[good])[0, 1])

@@ -66,17 +66,13 @@ class PositionRates:
         return result
 
 
-@dataclass
 class _Buffer:
     """The rows of one stream that are still needed."""
 
-    width: int
-    stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
-    values: Floats = field(init=False)
-    longest: float = 0.0  # ns, of steps that are no gaps
-
-    def __post_init__(self) -> None:
-        self.values = np.zeros((0, self.width))
+    def __init__(self, width: int) -> None:
+        self.stamps: Stamps = np.zeros(0, np.int64)
+        self.values: Floats = np.zeros((0, width))
+        self.longest = 0.0  # ns, of steps that are no gaps
 
     def add(self, stamps: Stamps, values: Floats) -> None:
         self.stamps = np.concatenate([self.stamps, stamps])
@@ -86,10 +82,10 @@ class _Buffer:
 
     def at(self, stamps: Stamps) -> Floats:
         """Linear interpolation, NaN outside the rows and in gaps."""
-        result = np.full((len(stamps), self.width), np.nan)
+        result = np.full((len(stamps), self.values.shape[1]), np.nan)
         if len(self.stamps) < 2:
-            if len(self.stamps):
-                result[stamps == self.stamps[0]] = self.values[0]
+            for stamp, row in zip(self.stamps, self.values, strict=True):
+                result[stamps == stamp] = row
             return result
         right = np.clip(np.searchsorted(self.stamps, stamps), 1, len(self.stamps) - 1)
         left = right - 1
@@ -116,8 +112,8 @@ class Merger:
     """
 
     def __init__(self, widths: Sequence[int]) -> None:
-        self._reference, *self._others = (_Buffer(width) for width in widths)
-        self._all = [self._reference, *self._others]
+        self._all = [_Buffer(width) for width in widths]
+        self._reference, *self._others = self._all
 
     def add(self, stream: int, stamps: Stamps, values: Floats) -> None:
         """Add rows [N, K] of a stream, given by its index; stamps [N] in ns ascend."""
@@ -133,10 +129,8 @@ class Merger:
                 count = min(count, int(np.searchsorted(reference.stamps, last, side='right')))
         stamps, rows = reference.stamps[:count], reference.values[:count]
         reference.stamps, reference.values = reference.stamps[count:], reference.values[count:]
-        if not count:
-            return stamps, np.zeros((0, sum(buffer.width for buffer in self._all)))
         merged = np.concatenate([rows, *(other.at(stamps) for other in self._others)], axis=1)
-        for other in self._others:
+        for other in self._others if count else ():
             other.forget(int(stamps[-1]))
         return stamps, merged
 
@@ -167,9 +161,7 @@ class ChannelGroup:
     channels: Sequence[tuple[str, LogChannel]]
     derived: tuple[str, ...] = ()  # drives whose velocity is the rate of their position
     filled: dict[str, float] = field(default_factory=dict)
-    _feeds: list[_Feed] = field(default_factory=list)
     _merger: Merger | None = None
-    _order: list[int] = field(default_factory=list)
     _rates: PositionRates | None = None
 
     def __post_init__(self) -> None:

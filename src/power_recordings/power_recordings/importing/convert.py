@@ -29,15 +29,6 @@ from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, s
 Messages = NDArray[np.uint8]
 Values = dict[tuple[str, str], Floats]  # [N] by drive and quantity
 Written = dict[str, tuple[Stamps, Values]]
-TOPICS = (
-    'joint_states',
-    'motor_current',
-    'motor_temperature',
-    'joint_commands',
-    'drive_supply',
-    'supply',
-)
-
 _JOINT_FIELDS = {
     'joint_states': {'position': 'position', 'velocity': 'velocity', 'torque': 'effort'},
     'motor_current': {'motor_current': 'effort'},
@@ -45,6 +36,7 @@ _JOINT_FIELDS = {
     'joint_commands': {'command': 'position'},
 }
 """Fields of the JointState messages of a topic, by the quantities that they hold."""
+TOPICS = (*_JOINT_FIELDS, 'drive_supply', 'supply')
 _PERIOD = 0.1  # s of electrical samples in a message
 _CHUNK = 10.0  # s
 _POINTS = 50.0  # Hz, at which operating points that have no times are written
@@ -66,12 +58,11 @@ class _Writer:
     def __init__(self, bag: BagWriter, plan: ImportPlan) -> None:
         self._bag = bag
         self.measured = _having(plan, 'current', 'power')
+        hot = (drive for drive in _having(plan, 'temperature') if drive not in self.measured)
         self._of_joints = {
             'joint_states': tuple(plan.drives),
             'motor_current': _having(plan, 'motor_current'),
-            'motor_temperature': tuple(
-                drive for drive in _having(plan, 'temperature') if drive not in self.measured
-            ),
+            'motor_temperature': tuple(hot),
             'joint_commands': _having(plan, 'command'),
         }
         self.counts = dict.fromkeys(TOPICS, 0)
@@ -89,12 +80,15 @@ class _Writer:
         if not len(stamps):
             return []
         self.counts[topic] += len(stamps)
+        times = stamps
         if topic == 'drive_supply':
             times, blocks = self._drive_supply(stamps, values)
         elif topic == 'supply':
-            times, blocks = stamps, [self._supply(stamps, values)]
+            blocks = [_supply(stamps, values)]
         else:
-            times, blocks = stamps, [self._joints(topic, stamps, values)]
+            drives, fields = self._of_joints[topic], _JOINT_FIELDS[topic].items()
+            columns: Any = {f: _table(values, drives, q, len(stamps)) for q, f in fields}
+            blocks = [cdr.joint_state_block(stamps, drives, **columns)]
         if topic not in self._topics:
             self._topics[topic] = self._bag.add_topic(topic, KINDS[topic].type_name)
         parts = np.split(times, np.cumsum([len(block) for block in blocks[:-1]], dtype=int))
@@ -103,22 +97,10 @@ class _Writer:
             for part, block in zip(parts, blocks, strict=True)
         ]
 
-    def _table(self, values: Values, drives: Sequence[str], quantity: str, n: int) -> Floats:
-        empty = np.full(n, np.nan)
-        return np.stack([values.get((drive, quantity), empty) for drive in drives], axis=1)
-
-    def _joints(self, topic: str, stamps: Stamps, values: Values) -> Messages:
-        drives = self._of_joints[topic]
-        columns: dict[str, Any] = {
-            field: self._table(values, drives, quantity, len(stamps))
-            for quantity, field in _JOINT_FIELDS[topic].items()
-        }
-        return cdr.joint_state_block(stamps, drives, **columns)
-
     def _drive_supply(self, stamps: Stamps, values: Values) -> tuple[Stamps, list[Messages]]:
         count = len(stamps)
         volts, amps, watts, celsius = (
-            self._table(values, self.measured, quantity, count)
+            _table(values, self.measured, quantity, count)
             for quantity in ('voltage', 'current', 'power', 'temperature')
         )
         with np.errstate(divide='ignore', invalid='ignore'):
@@ -140,13 +122,18 @@ class _Writer:
         self._sequence += count
         return stamps[:: self._per_message], blocks
 
-    @staticmethod
-    def _supply(stamps: Stamps, values: Values) -> Messages:
-        volts = values.get(('', 'voltage'), np.full(len(stamps), UNKNOWN_VOLTAGE))
-        amps = values.get(('', 'current'))
-        if amps is None:
-            amps = values['', 'power'] / volts
-        return cdr.battery_block(stamps, volts, -amps)
+
+def _table(values: Values, drives: Sequence[str], quantity: str, n: int) -> Floats:
+    empty = np.full(n, np.nan)
+    return np.stack([values.get((drive, quantity), empty) for drive in drives], axis=1)
+
+
+def _supply(stamps: Stamps, values: Values) -> Messages:
+    volts = values.get(('', 'voltage'), np.full(len(stamps), UNKNOWN_VOLTAGE))
+    amps = values.get(('', 'current'))
+    if amps is None:
+        amps = values['', 'power'] / volts
+    return cdr.battery_block(stamps, volts, -amps)
 
 
 def _having(plan: ImportPlan, *quantities: str) -> tuple[str, ...]:
@@ -177,9 +164,8 @@ def import_logs(
             )
     _card(mapping, plans[0], (), sources, where, ())  # an error in it comes before the work
     make_way(out, overwrite, remove=False)
-    notes: list[str] = []
     formulas, about = origin_of_power(sources[0], plans[0])
-    notes += [f'{sources[0].path.name}: {note}' for note in about]
+    notes = [f'{sources[0].path.name}: {note}' for note in about]
     done, end = 0, 0
     with staged(out) as path:
         with BagWriter(path, flush_period=_CHUNK) as bag:
@@ -190,8 +176,7 @@ def import_logs(
                 def advance(count: int, base: int = done) -> None:
                     progress(base + count)
 
-                rows = source.read(plan.addresses(), advance)
-                for block in _ahead(rows):
+                for block in _ahead(source.read(plan.addresses(), advance)):
                     writer.write_all(log.add(block))
                 writer.write_all(log.finish())
                 notes += log.notes

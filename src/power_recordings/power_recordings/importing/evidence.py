@@ -11,7 +11,12 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, printable
 
-from power_recordings.importing.candidates import CandidateColumn, is_mere_angle, plain
+from power_recordings.importing.candidates import (
+    CandidateColumn,
+    correlation,
+    is_mere_angle,
+    plain,
+)
 from power_recordings.importing.units import conversion
 from power_recordings.importing.words import words
 from power_recordings.quality.physics import solve, velocity_slope
@@ -223,17 +228,17 @@ def velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
     }
 
 
-def follows(position: CandidateColumn, velocity: CandidateColumn) -> bool:
-    """Tell whether a position that lacks a unit or a name moves as the velocity says."""
-    told = position.unit and not is_mere_angle(position)
-    if told or len(position.values) != len(velocity.values):
+def follows(position: CandidateColumn | None, velocity: CandidateColumn | None) -> bool:
+    """Tell whether a position that lacks a unit or a name moves as the velocity, if any, says."""
+    if position is None or velocity is None or (position.unit and not is_mere_angle(position)):
+        return True
+    if len(position.values) != len(velocity.values):
         return True
     steps, middle = np.diff(position.values), velocity.values[1:]
     good = np.isfinite(steps) & np.isfinite(middle)
     good &= np.abs(steps) <= np.percentile(np.abs(steps[good]), 99) if good.any() else good
-    if good.sum() < 20 or not np.var(steps[good]) > 0 or not np.var(middle[good]) > 0:
-        return True
-    return bool(abs(np.corrcoef(steps[good], middle[good])[0, 1]) > 0.5)
+    found = correlation(steps[good], middle[good], 20)
+    return found is None or abs(found) > 0.5
 
 
 def unit_by_rate(
@@ -262,11 +267,7 @@ def made_of_current(
     """Return the current that is proportional to a torque, and its factor in N·m/A, or None."""
     for current in currents:
         x, y = current.values, torque.values
-        if len(x) != len(y):
-            continue
-        good = np.isfinite(x) & np.isfinite(y)
-        if good.sum() < _FEWEST or not np.var(x[good]) > 0 or not np.var(y[good]) > 0:
-            continue
-        if np.corrcoef(x[good], y[good])[0, 1] ** 2 > _SAME:
+        if (correlation(x, y, _FEWEST) or 0.0) ** 2 > _SAME:
+            good = np.isfinite(x) & np.isfinite(y)
             return current, float(np.polyfit(x[good], y[good], 1)[0])
     return None

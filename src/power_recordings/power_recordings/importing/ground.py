@@ -41,10 +41,7 @@ def along_lines(listed: Sequence[Listed]) -> Mapping[str, str]:
     moving = [name for name in moving if not re.search(WANTED, words(name))]
     speeds = {name: m for name in moving if (m := _unit(_SPEED, name))}
     ways = {name: m for name in moving if (m := _unit(_LENGTH, name) or _unit(_METRES, name))}
-    kinds = (
-        ('velocity', 'rad/s', _RUNS, speeds, ways),
-        ('position', 'rad', _WAYS, ways, speeds),
-    )
+    kinds = (('velocity', 'rad/s', _RUNS, speeds, ways), ('position', 'rad', _WAYS, ways, speeds))
     lines = {}
     for quantity, unit, rule, own, others in kinds:
         known = {_stem(name, found) for name, found in others.items()}

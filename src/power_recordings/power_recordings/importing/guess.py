@@ -11,11 +11,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import printable
 
 from power_recordings.importing import evidence
-from power_recordings.importing.candidates import (
-    MECHANICAL,
-    CandidateColumn,
-    candidates,
-)
+from power_recordings.importing.candidates import MECHANICAL, CandidateColumn, candidates
 from power_recordings.importing.evidence import ByQuantity, Choice
 from power_recordings.importing.ground import along_lines
 from power_recordings.importing.listing import Listed
@@ -100,8 +96,8 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     lines = [
         f'format: {FORMAT}',
         'time: {stamp: header}   # or log' if is_bag else time_line(found, listed),
+        'drives:',
     ]
-    lines.append('drives:')
     in_turns = any(re.search(_OF_ODRIVE, words(one.column.address)) for one in listed)
     along = along_lines(listed)
     time = row_times(found)
@@ -113,8 +109,7 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     if len(made) == 1:
         lines += next(iter(made.values())).unused()
     for name, body in _folded(bodies).items():
-        lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:']
-        lines += body
+        lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:', *body]
     if not drives:
         lines.append('  DRIVE: {}   # no column looks like a position, speed or torque: fill in')
     lines += supply
@@ -165,37 +160,28 @@ class _Drive:
             others = self._shared.get(quantity, [])
             if not others or (quantity == 'current' and 'power' in taken):
                 continue
-            own_rank = taken[quantity].rank if quantity in taken else np.inf
-            if own_rank == np.inf or (quantity == 'temperature' and others[0].rank < own_rank):
+            own = taken.get(quantity)
+            if own is None or (quantity == 'temperature' and others[0].rank < own.rank):
                 taken[quantity] = others[0]
-        self._metered_power(taken)
+        current, power = taken.get('current'), taken.get('power')
+        vague = current is not None and current.is_vague
+        if vague and power is not None and not evidence.metered_pair(power, self._own):
+            del taken['current']  # it may be the motor's
         if 'current' in taken:
             taken.pop('power', None)
             volts = [*self._own.get('voltage', []), *self._shared.get('voltage', [])]
             volts.sort(key=lambda c: c.rank)
-            if (own := evidence.companion(taken['current'], volts)) is not None:
-                taken['voltage'] = own
+            if (companion := evidence.companion(taken['current'], volts)) is not None:
+                taken['voltage'] = companion
         of_shaft = [q for q in ('efficiency', 'loss') if q in taken]
         keep = not {'current', 'power'} & set(taken) and {'torque', 'velocity'} <= set(taken)
         for quantity in of_shaft[1:] if keep else of_shaft:
             del taken[quantity]
         if not _POWERS & set(taken):
             taken.pop('voltage', None)
-        if (
-            'velocity' in taken
-            and 'position' in taken
-            and not evidence.follows(taken['position'], taken['velocity'])
-        ):
+        if not evidence.follows(taken.get('position'), taken.get('velocity')):
             del taken['position']
         return taken
-
-    def _metered_power(self, taken: dict[str, CandidateColumn]) -> None:
-        """Leave a current that may be the motor's for a power that no voltage makes of it."""
-        current, power = taken.get('current'), taken.get('power')
-        if current is None or power is None or not current.is_vague:
-            return
-        if evidence.metered_pair(power, self._own) is None:
-            del taken['current']
 
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""
@@ -233,14 +219,15 @@ class _Drive:
         of_motor = [t for q in JOINT if (t := self._taken.get(q)) and self._at(t)[0] == 'motor']
         lines = [_GEAR, *lines] if of_motor else lines
         lines += self._other_side()
-        if _POWERS & set(self._taken) and 'temperature' not in self._taken:
+        powered = bool(_POWERS & set(self._taken))
+        if powered and 'temperature' not in self._taken:
             lines.append(_NONE.format('temperature', 'degC'))
         left = [c for c in self._own.get('current', ()) if c not in self._taken.values()]
         current = (yaml_text(left[0].address), left[0].unit or 'A') if left else ('COLUMN', 'A')
         lines += [] if 'torque' in self._taken else [_NO_TORQUE.format(*current)]
-        if _POWERS & set(self._taken) and 'voltage' not in self._taken:
+        if powered and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
-        elif not metered and not _POWERS & set(self._taken):
+        elif not metered and not powered:
             lines.append(_NO_POWER)
         return lines
 

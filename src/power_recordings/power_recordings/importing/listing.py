@@ -1,5 +1,6 @@
 """Columns of a log with their units, ranges, rates and changes, as `import --list` shows them."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -38,47 +39,38 @@ class Listed:
     text: str = ''  # the first, of a column of texts
 
 
-def list_columns(source: LogSource) -> list[Listed]:
-    """Read the first rows (about 50,000) of each column; InputError for an unreadable log."""
-    columns = source.columns()
-    found = _look(source, columns)
-    return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
-
-
 def extent(listed: Sequence[Listed]) -> str:
     """Return `of the first N rows of M` if only a part of the log was read, else ''."""
-    part = [
-        (item.rows, item.column.rows)
-        for item in listed
-        if item.rows < (item.column.rows or 0) or (item.column.rows is None and item.rows >= _ROWS)
-    ]
+    counts = [(item.rows, item.column.rows) for item in listed]
+    part = [(n, m) for n, m in counts if n < (m or 0) or (m is None and n >= _ROWS)]
     if not part:
         return ''
-    rows, whole = max(part, key=lambda counts: counts[0])
+    rows, whole = max(part, key=lambda pair: pair[0])
     return f'of the first {rows:,} rows' + (f' of {whole:,}' if whole else '')
 
 
-def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
+def list_columns(source: LogSource) -> list[Listed]:
+    """Read the first rows (about 50,000) of each column; InputError for an unreadable log."""
+    columns = source.columns()
     known = {column.address: column for column in columns}
-    parts: dict[str, list[np.ndarray]] = {}
-    stamps: dict[str, list[np.ndarray]] = {}
+    parts: dict[str, list[np.ndarray]] = defaultdict(list)
+    stamps: dict[str, list[np.ndarray]] = defaultdict(list)
     blocks = source.read([*known], lambda done: None)
     for block in first_rows(blocks, columns, min(_ROWS, _CELLS // max(len(columns), 1))):
         for address, values in block.values.items():
-            parts.setdefault(address, []).append(values)
+            parts[address].append(values)
         if block.log_ns is not None:
             header = block.header_ns
-            stamps.setdefault(block.stream, []).append(
-                header if header is not None and header.any() else block.log_ns
-            )
-    result, ended = {}, next(blocks, None) is None
+            stamped = header is not None and header.any()
+            stamps[block.stream].append(header if stamped else block.log_ns)
+    found, ended = {}, next(blocks, None) is None
     for address, arrays in parts.items():
         column, values = known[address], np.concatenate(arrays)
         column = replace(column, rows=len(values)) if ended else column
         steps = np.diff(np.concatenate(stamps.get(column.stream, [np.zeros(0)]))) / 1e9
         rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else np.nan
-        result[address] = _listed(column, values, rate)
-    return result
+        found[address] = _listed(column, values, rate)
+    return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
 
 
 def _listed(column: LogColumn, values: np.ndarray, rate: float) -> Listed:

@@ -48,13 +48,18 @@ class Signal:
     def __post_init__(self) -> None:
         if bool(self.source) + bool(self.sum) + (self.value is not None) != 1:
             raise InputError('a signal has either from, sum or value')
-        if not all(self.terms) or not all(name for term in self.terms for name in term):
+        if not all(self.terms) or not all(self.columns):
             raise InputError('sum: expected lists of columns, such as [[vq, iq], [vd, id]]')
 
     @property
     def terms(self) -> tuple[tuple[str, ...], ...]:
         """Columns of each product; the signal is the sum of the products. Empty for a constant."""
         return self.sum or (((self.source,),) if self.source else ())
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of all products."""
+        return tuple(column for term in self.terms for column in term)
 
     def filled(self, text: str) -> Self:
         """Return the signal with `text` in place of each `*` in its column names."""

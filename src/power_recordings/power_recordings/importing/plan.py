@@ -23,7 +23,7 @@ from power_recordings.importing.map_file import (
 )
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.sources.source import LogColumn, LogSource
-from power_recordings.importing.units import Conversion, conversion
+from power_recordings.importing.units import Conversion, conversion, quantities_of
 
 _LONGEST = 100  # characters of addresses that are compared
 _MOST_COMPARED = 2000
@@ -125,10 +125,8 @@ class ImportPlan:
         """Drives without a velocity, which is differentiated from their position."""
         return tuple(
             name
-            for name, channels in self.drives.items()
-            if 'velocity' not in channels
-            and (position := channels.get('position'))
-            and position.terms
+            for name, own in self.drives.items()
+            if 'velocity' not in own and 'position' in own and own['position'].terms
         )
 
     def addresses(self) -> tuple[str, ...]:
@@ -163,7 +161,7 @@ def make_plan(
         channels[name] = {
             q: _channel(q, s, known, f'{where}: drives.{name}.{q}', drive.gear_ratio)
             for q, s in signals.items()
-            if not s.optional or all(column in known for term in s.terms for column in term)
+            if not s.optional or known.keys() >= {*s.columns}
         }
         _with_shaft_power(channels[name], f'{where}: drives.{name}')
         _check_drive(channels[name], f'{where}: drives.{name}')
@@ -189,25 +187,22 @@ def make_plan(
             except InputError as error:
                 raise InputError(f'{where}: time.unit: {error}') from None
             time.append((column, unit))
-    at = {n: d.torque.at or 'joint' for n, d in drives.items() if d.torque is not None}
-    current = {
-        name: 'A'
-        for name, drive in drives.items()
-        if (torque := drive.torque) and torque.scale is None and torque.unit in ('A', 'mA')
-    }
+    torques = {name: drive.torque for name, drive in drives.items() if drive.torque is not None}
+    current = [n for n, t in torques.items() if t.scale is None and t.unit in ('A', 'mA')]
+    at = {n: t.at or 'joint' for n, t in torques.items()} | dict.fromkeys(current, 'motor')
+    gear_ratio = {n: d.gear_ratio for n, d in drives.items() if d.gear_ratio is not None}
+    computed = (
+        n for n, d in drives.items() if any(s and s.computed for s in (d.power, d.current))
+    )
     return ImportPlan(
         channels,
         supply,
-        {**at, **dict.fromkeys(current, 'motor')},
-        current,
-        {name: drive.gear_ratio for name, drive in drives.items() if drive.gear_ratio is not None},
-        tuple(
-            name
-            for name, d in drives.items()
-            if any(s is not None and s.computed for s in (d.power, d.current))
-        ),
-        tuple(time),
-        mapping.stamp,
+        torque_at=at,
+        torque_unit=dict.fromkeys(current, 'A'),
+        gear_ratio=gear_ratio,
+        computed=tuple(computed),
+        time=tuple(time),
+        stamp=mapping.stamp,
     )
 
 
@@ -235,14 +230,8 @@ def expand(
             result[name] = drive
             continue
         signals = drive.signals()
-        patterns = [
-            column
-            for signal in signals.values()
-            if not signal.optional
-            for term in signal.terms
-            for column in term
-            if '*' in column
-        ]
+        needed = [column for s in signals.values() if not s.optional for column in s.columns]
+        patterns = [column for column in needed if '*' in column]
         if not patterns:
             raise InputError(f'{where}: drives.{name}: a * in the name but in no from')
         found = [_matches(pattern, addresses) for pattern in patterns]
@@ -307,17 +296,12 @@ def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
 def _stated(column: LogColumn, quantity: str) -> str:
     """The unit that the log itself states, where it fits the quantity."""
     unit = column.unit or unit_of(column.address)
-    try:
-        conversion(unit, quantity)
-    except InputError:
-        return ''
-    return unit
+    return unit if quantity in quantities_of(unit) else ''
 
 
 def _find(address: str, known: Mapping[str, LogColumn], where: str) -> LogColumn:
-    column = known.get(address)
-    if column is not None:
-        return column
+    if address in known:
+        return known[address]
     short = [name for name in known if len(name) <= _LONGEST][:_MOST_COMPARED]
     near = difflib.get_close_matches(address[:_LONGEST], short, 3, 0.6)
     found = f'is {printable(", ".join(near))}' if near else f'are {len(known)}: see --list'

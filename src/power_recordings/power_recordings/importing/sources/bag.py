@@ -1,6 +1,6 @@
 """ROS 1 bags and rosbag2 bags (MCAP, SQLite; folders and bare files), numbers by `topic:field`."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -35,14 +35,14 @@ class BagFile(LogSource):
         self._bag = Bag(path, path.parent, (path,), None, ()) if is_ros1 else find(path)
         self.size = sum(regular_size(file, 'recording') for file in self._bag.files)
         self.problems: list[str] = []
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         self._given = _given_types(messages)
         self._fields: dict[str, Mapping[str, Any]] = {}
         self._examples: dict[str, Layout] = {}
         self._errors: dict[str, str] = {}
         for batch in self._batches(self._known):
             name = batch.topic.name
-            self.counts[name] = self.counts.get(name, 0) + len(batch.offsets)
+            self.counts[name] += len(batch.offsets)
             if name not in self._examples and name not in self._errors and len(batch.offsets):
                 first = slice(batch.offsets[0], batch.offsets[0] + batch.sizes[0])
                 try:
@@ -56,9 +56,7 @@ class BagFile(LogSource):
     def _known(self, counts: Mapping[str, int]) -> bool:
         """Count the messages of a chunk and leave it out where all its topics have an example."""
         known = counts.keys() <= self._examples.keys() | self._errors.keys()
-        if known:
-            for name, count in counts.items():
-                self.counts[name] = self.counts.get(name, 0) + count
+        self.counts.update(counts if known else {})
         return known
 
     def columns(self) -> Sequence[LogColumn]:

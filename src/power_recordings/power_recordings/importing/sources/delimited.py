@@ -17,12 +17,7 @@ from pyarrow import compute as pc
 from pyarrow import csv as arrow_csv
 from wattwalk_core.errors import InputError, printable
 
-from power_recordings.importing.sources.heads import (
-    THOUSANDS,
-    Head,
-    find_head,
-    is_number,
-)
+from power_recordings.importing.sources.heads import THOUSANDS, Head, find_head, is_number
 from power_recordings.importing.sources.source import (
     MOST_COLUMNS,
     LogBlock,
