@@ -8,11 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rclpy.context import Context
-from rclpy.signals import (
-    SignalHandlerOptions,
-    install_signal_handlers,
-    uninstall_signal_handlers,
-)
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
 from rclpy.task import Future
 from rclpy.utilities import get_default_context, ok, try_shutdown
 from rclpy.utilities import shutdown as _shutdown

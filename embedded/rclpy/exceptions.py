@@ -2,7 +2,7 @@
 
 # ruff: noqa: N818
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle as InvalidHandle
 
@@ -19,39 +19,37 @@ class NotInitializedException(Exception):
 
 
 class NameValidationException(Exception):
-    """Raised when a topic name, node name, or namespace is invalid."""
+    """Raised when a name is invalid; its subclasses say a name of what it is."""
 
-    def __init__(self, name_type: str, name: str, error_msg: str, invalid_index: int):
+    name_type: ClassVar[str]
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int):
         mark = ' ' * invalid_index
-        super().__init__(f"Invalid {name_type}: {error_msg}:\n  '{name}'\n   {mark}^")
+        super().__init__(f"Invalid {self.name_type}: {error_msg}:\n  '{name}'\n   {mark}^")
 
 
 class InvalidNamespaceException(NameValidationException):
     """Raised when a namespace is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int):
-        super().__init__('namespace', name, error_msg, invalid_index)
+    name_type = 'namespace'
 
 
 class InvalidNodeNameException(NameValidationException):
     """Raised when a node name is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int):
-        super().__init__('node name', name, error_msg, invalid_index)
+    name_type = 'node name'
 
 
 class InvalidTopicNameException(NameValidationException):
     """Raised when a topic name is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int):
-        super().__init__('topic name', name, error_msg, invalid_index)
+    name_type = 'topic name'
 
 
 class InvalidServiceNameException(NameValidationException):
     """Raised when a service name is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int):
-        super().__init__('service name', name, error_msg, invalid_index)
+    name_type = 'service name'
 
 
 class ParameterException(Exception):

@@ -1,6 +1,7 @@
 """Parameters."""
 
 import array
+from contextlib import suppress
 from enum import Enum
 from typing import Any
 
@@ -58,8 +59,6 @@ class Parameter:
 
     def __init__(self, name: str, type_: 'Parameter.Type | None' = None, value: Any = None):
         kind = Parameter.Type.from_parameter_value(value) if type_ is None else type_
-        if not isinstance(kind, Parameter.Type):
-            raise TypeError(f"type must be an instance of '{Parameter.Type!r}'")
         if not kind.check(value):
             raise ValueError(f"Type '{kind}' and value '{value}' do not agree")
         self.type_ = kind
@@ -73,9 +72,6 @@ class Parameter:
         field = FIELDS.get(param_msg.value.type)
         return cls(param_msg.name, kind, getattr(param_msg.value, field) if field else None)
 
-    def __repr__(self) -> str:
-        return f'Parameter({self.name!r}, {self.type_}, {self.value!r})'
-
     def get_parameter_value(self) -> Any:
         """Return the value as rcl_interfaces/ParameterValue."""
         message = ParameterValue(type=self.type_.value)
@@ -84,19 +80,15 @@ class Parameter:
         return message
 
 
-FIELDS = {
-    kind.value: f'{kind.name.lower()}_value'
-    for kind in Parameter.Type
-    if kind is not Parameter.Type.NOT_SET
-}
+FIELDS = {kind.value: f'{kind.name.lower()}_value' for kind in [*Parameter.Type][1:]}
+"""Fields of ParameterValue by type; NOT_SET, the first, has none."""
 
 
 def get_parameter_value(string_value: str) -> Any:
     """Parse text as YAML to a rcl_interfaces/ParameterValue; other text becomes a string."""
-    try:
+    value = None
+    with suppress(yaml.YAMLError):
         value = yaml.safe_load(string_value)
-    except yaml.YAMLError:
-        value = string_value
     try:
         return Parameter('', None, string_value if value is None else value).get_parameter_value()
     except TypeError:
@@ -107,7 +99,5 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
     """Return the Python value of a rcl_interfaces/ParameterValue; None if not set."""
     if parameter_value.type == ParameterType.PARAMETER_NOT_SET:
         return None
-    if parameter_value.type not in FIELDS:
-        raise RuntimeError(f'unexpected parameter type {parameter_value.type}')
     value = getattr(parameter_value, FIELDS[parameter_value.type])
     return list(value) if isinstance(value, SEQUENCES) else value

@@ -12,14 +12,9 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 
-from rclpy.exceptions import (
-    ParameterNotDeclaredException,
-    ParameterUninitializedException,
-)
+from rclpy.exceptions import ParameterNotDeclaredException, ParameterUninitializedException
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameters
-
-MISSING = (ParameterNotDeclaredException, ParameterUninitializedException)
 
 
 class ParameterService:
@@ -39,14 +34,12 @@ class ParameterService:
                 srv_type, f'~/{name}', callback, qos_profile=qos_profile_parameters
             )
 
-    def _describe(self, request: Any, response: Any) -> Any:
-        for name in request.names:
-            try:
-                response.descriptors.append(self._node.describe_parameter(name))
-            except ParameterNotDeclaredException:
-                response.descriptors = [ParameterDescriptor()]
-                break
-        return response
+    def _describe(self, request: Any, _: Any) -> Any:
+        try:
+            found = [self._node.describe_parameter(name) for name in request.names]
+        except ParameterNotDeclaredException:
+            found = [ParameterDescriptor()]
+        return DescribeParameters.Response(descriptors=found)
 
     def _values(self, names: list[str]) -> list[Any]:
         """Return ParameterValues, of type NOT_SET without a value; none if one is undeclared."""
@@ -60,30 +53,27 @@ class ParameterService:
                 return []
         return values
 
-    def _get(self, request: Any, response: Any) -> Any:
-        response.values = self._values(request.names)
-        return response
+    def _get(self, request: Any, _: Any) -> Any:
+        return GetParameters.Response(values=self._values(request.names))
 
-    def _types(self, request: Any, response: Any) -> Any:
-        response.types = [value.type for value in self._values(request.names)]
-        return response
+    def _types(self, request: Any, _: Any) -> Any:
+        types = [value.type for value in self._values(request.names)]
+        return GetParameterTypes.Response(types=types)
 
-    def _list(self, request: Any, response: Any) -> Any:
-        response.result = self._node.list_parameters(list(request.prefixes), request.depth)
-        return response
+    def _list(self, request: Any, _: Any) -> Any:
+        result = self._node.list_parameters(list(request.prefixes), request.depth)
+        return ListParameters.Response(result=result)
 
-    def _set(self, request: Any, response: Any) -> Any:
-        for message in request.parameters:
-            response.results.append(self._apply([message]))
-        return response
+    def _set(self, request: Any, _: Any) -> Any:
+        results = [self._apply([message]) for message in request.parameters]
+        return SetParameters.Response(results=results)
 
-    def _set_atomically(self, request: Any, response: Any) -> Any:
-        response.result = self._apply(list(request.parameters))
-        return response
+    def _set_atomically(self, request: Any, _: Any) -> Any:
+        return SetParametersAtomically.Response(result=self._apply(list(request.parameters)))
 
     def _apply(self, messages: list[Any]) -> Any:
         try:
             parameters = [Parameter.from_parameter_msg(message) for message in messages]
             return self._node.set_parameters_atomically(parameters)
-        except (*MISSING, ValueError) as error:
+        except (ParameterNotDeclaredException, ValueError) as error:
             return SetParametersResult(successful=False, reason=str(error))

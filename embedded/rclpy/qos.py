@@ -1,6 +1,5 @@
 """Quality of service: profiles and policies."""
 
-import warnings
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -10,13 +9,6 @@ from cyclonedds.qos import Policy, Qos
 from rclpy.duration import Infinite
 
 LONGEST_BLOCK_NS = 100_000_000
-
-
-class InvalidQoSProfileException(Exception):  # noqa: N818
-    """Raised when a profile is made of invalid arguments."""
-
-    def __init__(self, *args: object):
-        super().__init__('Invalid QoSProfile', *args)
 
 
 class QoSPolicyKind(IntEnum):
@@ -56,8 +48,6 @@ class ReliabilityPolicy(IntEnum):
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
     BEST_EFFORT = 2
-    UNKNOWN = 3
-    BEST_AVAILABLE = 4
 
 
 class DurabilityPolicy(IntEnum):
@@ -66,8 +56,6 @@ class DurabilityPolicy(IntEnum):
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
-    UNKNOWN = 3
-    BEST_AVAILABLE = 4
 
 
 class LivelinessPolicy(IntEnum):
@@ -76,65 +64,20 @@ class LivelinessPolicy(IntEnum):
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
     MANUAL_BY_TOPIC = 3
-    UNKNOWN = 4
-    BEST_AVAILABLE = 5
 
 
-_ENUMS: dict[str, Any] = {
-    'history': HistoryPolicy,
-    'reliability': ReliabilityPolicy,
-    'durability': DurabilityPolicy,
-    'liveliness': LivelinessPolicy,
-}
-
-
-@dataclass(init=False, repr=False, slots=True)
+@dataclass(kw_only=True, slots=True)
 class QoSProfile:
-    """A set of policies; InvalidQoSProfileException unless `depth` or `history` is given."""
+    """A set of policies; ROS 2 refuses one without `depth`, unless `history` is KEEP_ALL."""
 
-    depth: int
-    durability: DurabilityPolicy
-    history: HistoryPolicy
-    liveliness: LivelinessPolicy
-    reliability: ReliabilityPolicy
-
-    def __init__(self, **kwargs: Any):
-        unknown = sorted(set(kwargs) - set(self.__slots__))
-        assert not unknown, f'Invalid arguments passed to constructor: {unknown}'
-        if 'history' not in kwargs:
-            if 'depth' not in kwargs:
-                raise InvalidQoSProfileException('History and/or depth settings are required.')
-            kwargs['history'] = HistoryPolicy.KEEP_LAST
-        if kwargs['history'] == HistoryPolicy.KEEP_LAST and 'depth' not in kwargs:
-            raise InvalidQoSProfileException('History set to KEEP_LAST without a depth setting.')
-        self.history = kwargs.pop('history')
-        self.depth = kwargs.pop('depth', 10)
-        self.reliability = ReliabilityPolicy.RELIABLE
-        self.durability = DurabilityPolicy.VOLATILE
-        self.liveliness = LivelinessPolicy.SYSTEM_DEFAULT
-        for name, value in kwargs.items():
-            setattr(self, name, value)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in _ENUMS:
-            assert isinstance(value, int)
-            value = _ENUMS[name](value)
-        elif name == 'depth':
-            assert isinstance(value, int)
-            if value == 0 and self.history == HistoryPolicy.KEEP_LAST:
-                warnings.warn(
-                    "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
-                    'This will be interpreted as SYSTEM_DEFAULT',
-                    stacklevel=3,
-                )
-        object.__setattr__(self, name, value)
-
-    def __str__(self) -> str:
-        shown = ', '.join(f'{name}={getattr(self, name)}' for name in self.__slots__)
-        return f'QoSProfile({shown})'
+    depth: int = 10
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+    history: HistoryPolicy = HistoryPolicy.KEEP_LAST
+    liveliness: LivelinessPolicy = LivelinessPolicy.SYSTEM_DEFAULT
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
 
 
-def profile_of(qos: 'QoSProfile | int', name: str = 'qos_profile') -> QoSProfile:
+def profile_of(qos: QoSProfile | int) -> QoSProfile:
     """Return a profile as given, or a default one of a depth; TypeError, ValueError otherwise."""
     if isinstance(qos, QoSProfile):
         return qos
@@ -150,25 +93,24 @@ def to_dds(profile: QoSProfile, user_data: str) -> Qos:
     history: Any = Policy.History.KeepAll
     if profile.history != HistoryPolicy.KEEP_ALL:
         history = Policy.History.KeepLast(max(1, profile.depth))
-    policies: list[Any] = [
+    reliability: Any = Policy.Reliability.Reliable(max_blocking_time=LONGEST_BLOCK_NS)
+    if profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+        reliability = Policy.Reliability.BestEffort
+    durability: list[Any] = [Policy.Durability.Volatile]
+    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        kept = Policy.DurabilityService(0, history, -1, -1, -1)
+        durability = [Policy.Durability.TransientLocal, kept]
+    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    liveliness: Any = Policy.Liveliness.ManualByTopic if manual else Policy.Liveliness.Automatic
+    return Qos(
         history,
+        reliability,
+        *durability,
+        liveliness(Infinite.nanoseconds),
         Policy.WriterDataLifecycle(autodispose=False),
         Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
         Policy.Userdata(user_data.encode()),
-    ]
-    if profile.reliability == ReliabilityPolicy.BEST_EFFORT:
-        policies.append(Policy.Reliability.BestEffort)
-    else:
-        policies.append(Policy.Reliability.Reliable(max_blocking_time=LONGEST_BLOCK_NS))
-    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        policies.append(Policy.Durability.TransientLocal)
-        policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
-    else:
-        policies.append(Policy.Durability.Volatile)
-    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
-    liveliness: Any = Policy.Liveliness.ManualByTopic if manual else Policy.Liveliness.Automatic
-    policies.append(liveliness(Infinite.nanoseconds))
-    return Qos(*policies)
+    )
 
 
 def from_dds(qos: Qos) -> QoSProfile:
@@ -179,8 +121,7 @@ def from_dds(qos: Qos) -> QoSProfile:
         profile.reliability = ReliabilityPolicy.BEST_EFFORT
     if found.get('Durability') not in (None, Policy.Durability.Volatile):
         profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
-    liveliness = found.get('Liveliness')
-    if liveliness is not None:
+    if (liveliness := found.get('Liveliness')) is not None:
         manual = isinstance(liveliness, Policy.Liveliness.ManualByTopic)
         kind = LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC
         profile.liveliness = kind

@@ -3,7 +3,6 @@
 import math
 import operator
 import re
-import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -12,7 +11,6 @@ from rcl_interfaces.msg import (
     ListParametersResult,
     ParameterDescriptor,
     ParameterType,
-    ParameterValue,
     SetParametersResult,
 )
 
@@ -24,7 +22,7 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 
 OnSet = Callable[[list[Parameter]], Any]
 RELATIVE_TOLERANCE = 1e-6
@@ -75,65 +73,44 @@ class Parameters:
         Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException if the override has
         another type, InvalidParameterValueException if a callback or range refuses it.
         """
-        given = ParameterDescriptor() if descriptor is None else descriptor
-        if value is None and descriptor is None:
-            given.dynamic_typing = True
-            warnings.warn(
-                f"when declaring parameter named '{name}', declaring a parameter only providing "
-                'its name is deprecated. Pass a value, a type or a descriptor with '
-                '`dynamic_typing=True`',
-                stacklevel=2,
-            )
-        return self.declare_parameters('', [(name, value, given)])[0]
+        if descriptor is None:
+            descriptor = ParameterDescriptor(dynamic_typing=value is None)
+        return self.declare_parameters('', [(name, value, descriptor)])[0]
 
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]]
     ) -> list[Parameter]:
         """Declare parameters given as tuples (name, value or type, descriptor); return them.
 
-        namespace: prefix of the names. TypeError for other tuples, else as `declare_parameter`.
+        namespace: prefix of the names. Raises as `declare_parameter` does.
         """
         declared: list[tuple[Parameter, Any]] = []
-        for index, entry in enumerate(parameters):
-            if not 1 <= len(entry) <= 3:
-                raise TypeError(
-                    f'Invalid parameter tuple length at index {index} in parameters list: '
-                    f'{entry}; expecting length between 1 and 3'
-                )
-            name = entry[0]
-            if not isinstance(name, str):
-                raise TypeError(
-                    f'First element {name} at index {index} in parameters list is not a str.'
-                )
+        for name, default, *given in parameters:
             name = f'{namespace}.{name}' if namespace else name
             if not re.fullmatch(r'[^\s].*', name):
                 raise InvalidParameterException(name)
-            descriptor = entry[2] if len(entry) > 2 else ParameterDescriptor()
-            if not isinstance(descriptor, ParameterDescriptor):
-                raise TypeError(
-                    f'Third element {descriptor} at index {index} in parameters list '
-                    'is not a ParameterDescriptor.'
-                )
-            value = self._typed(name, entry[1] if len(entry) > 1 else None, descriptor)
+            descriptor = given[0] if given else ParameterDescriptor()
+            value = self._typed(default, descriptor)
             value = self._parameter_overrides.get(name, value)
             declared.append((Parameter(name, value=value), descriptor))
         known = [parameter.name for parameter, _ in declared if parameter.name in self._parameters]
         if known:
             raise ParameterAlreadyDeclaredException(known)
         for parameter, descriptor in declared:
-            self._declare(parameter, descriptor)
+            result = self._apply([parameter], {parameter.name: descriptor}, declaring=True)
+            if result.reason.startswith('Wrong parameter type'):
+                expected = Parameter.Type(descriptor.type).name
+                raise InvalidParameterTypeException(parameter, expected)
+            if not result.successful:
+                raise InvalidParameterValueException(
+                    parameter.name, parameter.value, result.reason
+                )
         return [self._parameters[parameter.name] for parameter, _ in declared]
 
     @staticmethod
-    def _typed(name: str, default: Any, descriptor: Any) -> Any:
+    def _typed(default: Any, descriptor: Any) -> Any:
         """Note the type in the descriptor and return the default value."""
-        if isinstance(default, ParameterValue):
-            default = parameter_value_to_python(default)
         if isinstance(default, Parameter.Type):
-            if default is Parameter.Type.NOT_SET:
-                raise ValueError(
-                    f'Cannot declare parameter {{{name}}} as statically typed of type NOT_SET'
-                )
             descriptor.type = default.value
             return None
         if not descriptor.dynamic_typing:
@@ -144,14 +121,6 @@ class Parameters:
                     'of type PARAMETER_NOT_SET'
                 )
         return default
-
-    def _declare(self, parameter: Parameter, descriptor: Any) -> None:
-        result = self._apply([parameter], {parameter.name: descriptor}, declaring=True)
-        if not result.successful:
-            if result.reason.startswith('Wrong parameter type'):
-                expected = Parameter.Type(descriptor.type).name
-                raise InvalidParameterTypeException(parameter, expected)
-            raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
 
     def has_parameter(self, name: str) -> bool:
         """Tell whether a parameter is declared."""
@@ -184,8 +153,6 @@ class Parameters:
         return self._apply(parameter_list, self._descriptors)
 
     def _check_declared(self, parameter_list: list[Parameter]) -> None:
-        if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
-            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         unknown = [p.name for p in parameter_list if p.name not in self._parameters]
         if unknown:
             raise ParameterNotDeclaredException(unknown)
@@ -194,19 +161,15 @@ class Parameters:
         self, parameter_list: list[Parameter], descriptors: dict[str, Any], declaring: bool = False
     ) -> Any:
         for parameter in parameter_list:
-            reason = self._refusal(parameter, descriptors.get(parameter.name), declaring)
+            reason = self._refusal(parameter, descriptors[parameter.name], declaring)
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
         for callback in self._on_set:
             result = callback(parameter_list)
-            if not isinstance(result, SetParametersResult):
-                raise TypeError(f'Callback returned an invalid type: {type(result)}')
             if not result.successful:
                 return result
         for parameter in parameter_list:
-            descriptor = descriptors.get(parameter.name)
-            if descriptor is None:
-                descriptor = ParameterDescriptor(dynamic_typing=True)
+            descriptor = descriptors[parameter.name]
             descriptor.name = parameter.name
             if descriptor.dynamic_typing:
                 descriptor.type = parameter.type_.value
@@ -217,8 +180,6 @@ class Parameters:
     @staticmethod
     def _refusal(parameter: Parameter, descriptor: Any, declaring: bool) -> str:
         """Return why the descriptor refuses a value, '' where it does not."""
-        if descriptor is None:
-            return ''
         if descriptor.read_only and not declaring:
             return f'Trying to set a read-only parameter: {parameter.name}.'
         if not descriptor.dynamic_typing:
