@@ -98,15 +98,7 @@ def get_global_executor() -> Any:
         raise ExternalShutdownException
     if _executor is None or _executor.context is not context:
         _executor = SingleThreadedExecutor(context=context)
-        context.on_shutdown(_reset_executor)
     return _executor
-
-
-def _reset_executor() -> None:
-    global _executor
-    if _executor is not None:
-        _executor.shutdown()
-        _executor = None
 
 
 @contextmanager

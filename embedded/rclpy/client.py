@@ -35,14 +35,10 @@ class Client(ServiceEntity):
         future = self.call_async(request)
         future.add_done_callback(lambda _: done.set())
         if not done.wait(timeout_sec):
-            self.remove_pending_request(future)
+            with self._lock:
+                self._pending = {key: f for key, f in self._pending.items() if f is not future}
             raise TimeoutError(f"no response from '{self.srv_name}' within {timeout_sec} s")
         return future.result()
-
-    def remove_pending_request(self, future: Future) -> None:
-        """Discard the request of a future, whose response is then ignored."""
-        with self._lock:
-            self._pending = {key: value for key, value in self._pending.items() if value != future}
 
     def service_is_ready(self) -> bool:
         """Return whether a server of the service is connected."""

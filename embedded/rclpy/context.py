@@ -5,7 +5,7 @@ import gc
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 from weakref import WeakSet
 
@@ -24,8 +24,6 @@ atexit.register(gc.freeze)
 
 def _domain_id(given: int | None) -> int:
     if given is not None:
-        if given < 0:
-            raise RuntimeError(f'Domain id ({given}) should not be lower than zero.')
         return given
     text = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not text.isdecimal() or int(text) > MAX_DOMAIN_ID:
@@ -53,7 +51,6 @@ class Context:
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
-        self._callbacks: list[Callable[[], None]] = []
         self._executors: WeakSet[Any] = WeakSet()
         self._nodes: WeakSet[Any] = WeakSet()
         self._participant: Participant | None = None
@@ -78,7 +75,7 @@ class Context:
             self._configuration = domain_configuration()
             self.arguments = parse(sys.argv if args is None else args)
             for name, level in self.arguments.log_levels.items():
-                logging.set_logger_level(name, logging.get_logging_severity_from_string(level))
+                logging.set_logger_level(name, logging.LoggingSeverity[level.upper()])
             self.initialized = self.valid = True
         signals._watch(self)
         atexit.register(self._close)
@@ -107,15 +104,6 @@ class Context:
                 self._graph = Graph(self.participant)
             return self._graph
 
-    def on_shutdown(self, callback: Callable[[], None]) -> None:
-        """Register a callback for shutdown; it is called at once after a shutdown."""
-        if not callable(callback):
-            raise TypeError(f'callback should be a callable, got {type(callback)}')
-        if self.initialized and not self.valid:
-            callback()
-        else:
-            self._callbacks.append(callback)
-
     def _interrupt(self) -> None:
         """Become invalid and wake what waits; a signal handler may call this."""
         self.valid = False
@@ -129,23 +117,15 @@ class Context:
         """Shut down; RuntimeError if it was not started, RCLError if it was shut down before."""
         if not self.initialized:
             raise RuntimeError('Context must be initialized before it can be shutdown')
-        if not self.valid:
-            self._close()
+        was_valid = self.valid
+        self._close()
+        if not was_valid:
             raise RCLError('failed to shutdown: rcl_shutdown already called on the given context')
-        self._shutdown()
 
     def try_shutdown(self) -> None:
         """Shut down if it was started and is not shut down; raise nothing."""
         if self.initialized:
-            self._shutdown()
-
-    def _shutdown(self) -> None:
-        with self._lock:
-            self._interrupt()
-            callbacks, self._callbacks = self._callbacks, []
-        for callback in callbacks:
-            callback()
-        self._close()
+            self._close()
 
     def _close(self) -> None:
         """Leave the domain, so that other processes see the nodes go."""

@@ -25,10 +25,6 @@ class SubscriptionEventCallbacks:
     use_default_callbacks: bool = True
 
 
-class PublisherEventCallbacks(SubscriptionEventCallbacks):
-    """Callbacks of a publisher's events; without a callback a warning is logged."""
-
-
 REQUESTED = (
     "New publisher discovered on topic '{topic}', offering incompatible QoS. "
     'No messages will be received from it. Last incompatible policy: {policy}'

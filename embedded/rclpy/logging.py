@@ -28,15 +28,7 @@ _loggers: dict[str, 'RcutilsLogger'] = {}
 _lock = threading.Lock()
 
 
-def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
-    """Return a severity by its name in any case; RuntimeError for an unknown name."""
-    try:
-        return LoggingSeverity[log_severity.upper()]
-    except KeyError:
-        raise RuntimeError(f'{log_severity} is not a valid log level') from None
-
-
-def set_logger_level(name: str, level: int, detailed_error: bool = False) -> None:
+def set_logger_level(name: str, level: int) -> None:
     """Set the lowest severity that a logger writes; the name '' is the root."""
     _levels[name] = LoggingSeverity(level)
 
@@ -52,9 +44,7 @@ def get_logger_effective_level(name: str) -> LoggingSeverity:
 
 
 def get_logger(name: str) -> 'RcutilsLogger':
-    """Return the logger of this name; ValueError for an empty one."""
-    if not name:
-        raise ValueError('Logger name must not be empty.')
+    """Return the logger of this name."""
     return _loggers.setdefault(name, RcutilsLogger(name))
 
 

@@ -1,13 +1,13 @@
 """Nodes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.impl import arguments
 from rclpy.impl.graph import NodeEntities
@@ -22,11 +22,6 @@ from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 from rclpy.timer import Timer
 from rclpy.utilities import get_default_context
-
-
-def _every(kind: type, text: str) -> property:
-    """Make a property of a node: an iterator over its entities of a kind."""
-    return property(lambda node: iter(list(node._entities[kind])), doc=text)
 
 
 class Node(Parameters):
@@ -55,7 +50,6 @@ class Node(Parameters):
         given |= {parameter.name: parameter.value for parameter in parameter_overrides or []}
         super().__init__(given)
         self._logger = get_logger(self.get_fully_qualified_name()[1:].replace('/', '.'))
-        self._default_callback_group = MutuallyExclusiveCallbackGroup()
         self._entities: dict[type, list[Any]] = {
             kind: [] for kind in (Publisher, Subscription, Client, Service, Timer)
         }
@@ -88,19 +82,15 @@ class Node(Parameters):
         """Executor that the node was added to."""
         return self._executor
 
-    @executor.setter
-    def executor(self, new_executor: Any) -> None:
-        if new_executor is self._executor:
-            return
-        if self._executor is not None:
-            self._executor.remove_node(self)
-        if new_executor is not None:
-            new_executor.add_node(self)
+    @property
+    def publishers(self) -> Iterator[Publisher]:
+        """Publishers of the node."""
+        return iter(list(self._entities[Publisher]))
 
-    publishers = _every(Publisher, 'Publishers of the node.')
-    clients = _every(Client, 'Service clients of the node.')
-    services = _every(Service, 'Service servers of the node.')
-    timers = _every(Timer, 'Timers of the node.')
+    @property
+    def timers(self) -> Iterator[Timer]:
+        """Timers of the node."""
+        return iter(list(self._entities[Timer]))
 
     def get_name(self) -> str:
         """Return the name without namespace."""
@@ -123,8 +113,6 @@ class Node(Parameters):
         return self._logger
 
     def _resolve(self, name: str, is_service: bool) -> str:
-        if not isinstance(name, str):
-            raise TypeError(f'a name must be a str, got {type(name)}')
         absolute = arguments.expand(name, self._name, self._namespace, is_service)
         return self._arguments.topic(absolute, self._name, self._namespace, is_service)
 
@@ -172,18 +160,13 @@ class Node(Parameters):
             raise NotInitializedException("the node's context is invalid")
 
     def create_publisher(
-        self,
-        msg_type: Any,
-        topic: str,
-        qos_profile: QoSProfile | int,
-        *,
-        event_callbacks: PublisherEventCallbacks | None = None,
+        self, msg_type: Any, topic: str, qos_profile: QoSProfile | int
     ) -> Publisher:
         """Make a publisher; qos_profile: or a depth. InvalidTopicNameException for bad names."""
         profile = profile_of(qos_profile)
         self._alive()
         name = self._resolve(topic, False)
-        return self._add(Publisher(self, msg_type, name, topic, profile, event_callbacks))
+        return self._add(Publisher(self, msg_type, name, topic, profile))
 
     def create_subscription(
         self,
@@ -200,11 +183,12 @@ class Node(Parameters):
         profile = profile_of(qos_profile)
         self._alive()
         name = self._resolve(topic, False)
-        group = callback_group or self._default_callback_group
-        made = Subscription(
-            self, msg_type, name, topic, callback, group, profile, raw, event_callbacks
+        group = callback_group or CallbackGroup()
+        return self._add(
+            Subscription(
+                self, msg_type, name, topic, callback, group, profile, raw, event_callbacks
+            )
         )
-        return self._add(made)
 
     def create_timer(
         self,

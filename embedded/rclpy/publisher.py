@@ -16,13 +16,7 @@ class Publisher:
     """Publishes messages of one type on one topic; publish may be called from any thread."""
 
     def __init__(
-        self,
-        node: Any,
-        msg_type: Any,
-        topic: str,
-        given_name: str,
-        qos_profile: QoSProfile,
-        event_callbacks: Any,
+        self, node: Any, msg_type: Any, topic: str, given_name: str, qos_profile: QoSProfile
     ):
         codec.warm(msg_type)
         self.msg_type = msg_type
@@ -36,7 +30,7 @@ class Publisher:
         self._writer: Any = node.context.participant.writer(f'rt{topic}', name, qos)
         self.gid: bytes = self._writer.guid.bytes
         self._event: IncompatibleQos | None = IncompatibleQos(
-            self._writer, False, given_name, event_callbacks, node.get_logger()
+            self._writer, False, given_name, None, node.get_logger()
         )
 
     @property

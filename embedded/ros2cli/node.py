@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 
 from ros2cli.main import CommandError
-from ros2cli.verbs import Verbs, add_spin_time, direct_node, discover
+from ros2cli.verbs import Verbs, direct_node, discover
 
 
 def _full(name: str, namespace: str) -> str:
@@ -53,10 +53,10 @@ def _info(options: argparse.Namespace) -> None:
 def main(argv: Sequence[str]) -> int:
     """Run a verb of `ros2 node` and return its exit code."""
     verbs = Verbs('node', 'Nodes of the domain.')
-    verb = verbs.add('list', _list, 'List nodes.', 'ros2 node list')
-    add_spin_time(verb)
+    verb = verbs.add('list', _list, 'List nodes.', 'ros2 node list', spin_time=True)
     verb.add_argument('-a', '--all', action='store_true', help='show hidden nodes as well')
     verb.add_argument('-c', '--count-nodes', action='store_true', help='show their number only')
-    verb = verbs.add('info', _info, 'Show what a node has.', 'ros2 node info /daq', 'node')
-    add_spin_time(verb)
+    verb = verbs.add(
+        'info', _info, 'Show what a node has.', 'ros2 node info /daq', 'node', spin_time=True
+    )
     return verbs.run(argv)

@@ -8,7 +8,7 @@ import yaml
 
 from ros2cli.main import CommandError
 from ros2cli.service import request
-from ros2cli.verbs import Verbs, add_spin_time, direct_node, discover
+from ros2cli.verbs import Verbs, direct_node, discover
 
 TIMEOUT = 5.0
 
@@ -158,8 +158,7 @@ def _load(options: argparse.Namespace) -> int:
 def main(argv: Sequence[str]) -> int:
     """Run a verb of `ros2 param` and return its exit code."""
     verbs = Verbs('param', 'Parameters of nodes.')
-    verb = verbs.add('list', _list, 'List parameters.', 'ros2 param list /daq')
-    add_spin_time(verb)
+    verb = verbs.add('list', _list, 'List parameters.', 'ros2 param list /daq', spin_time=True)
     verb.add_argument('node', nargs='?', help='node (default: all)')
     example = 'ros2 param get /daq samples_per_message'
     verb = verbs.add('get', _get, 'Show a value.', example, 'node', 'name')

@@ -5,15 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ros2cli.main import CommandError
-from ros2cli.verbs import (
-    Verbs,
-    add_spin_time,
-    direct_node,
-    discover,
-    fill,
-    parse_values,
-    wait_until,
-)
+from ros2cli.verbs import Verbs, direct_node, discover, fill, parse_values, wait_until
 
 
 def _list(options: argparse.Namespace) -> None:
@@ -70,8 +62,7 @@ def _call(options: argparse.Namespace) -> None:
 def main(argv: Sequence[str]) -> int:
     """Run a verb of `ros2 service` and return its exit code."""
     verbs = Verbs('service', 'Services of the domain.')
-    verb = verbs.add('list', _list, 'List services.', 'ros2 service list -t')
-    add_spin_time(verb)
+    verb = verbs.add('list', _list, 'List services.', 'ros2 service list -t', spin_time=True)
     verb.add_argument('-t', '--show-types', action='store_true', help='show their types')
     example = 'ros2 service type /push'
     verbs.add('type', _type, 'Show the type of a service.', example, 'service')

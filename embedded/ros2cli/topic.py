@@ -11,7 +11,6 @@ from typing import Any
 from ros2cli.main import CommandError
 from ros2cli.verbs import (
     Verbs,
-    add_spin_time,
     direct_node,
     discover,
     field,
@@ -215,13 +214,13 @@ def _add_qos(parser: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str]) -> int:
     """Run a verb of `ros2 topic` and return its exit code."""
     verbs = Verbs('topic', 'Topics of the domain.')
-    verb = verbs.add('list', _list, 'List topics.', 'ros2 topic list -t')
-    add_spin_time(verb)
+    verb = verbs.add('list', _list, 'List topics.', 'ros2 topic list -t', spin_time=True)
     verb.add_argument('-t', '--show-types', action='store_true', help='show their types')
     verb.add_argument('-c', '--count-topics', action='store_true', help='show their number only')
     verb.add_argument('--include-hidden-topics', action='store_true')
-    verb = verbs.add('info', _info, 'Show a topic.', 'ros2 topic info -v /joint_states', 'topic')
-    add_spin_time(verb)
+    verb = verbs.add(
+        'info', _info, 'Show a topic.', 'ros2 topic info -v /joint_states', 'topic', spin_time=True
+    )
     verb.add_argument('-v', '--verbose', action='store_true', help='show its endpoints')
     verb = verbs.add('echo', _echo, 'Print messages.', 'ros2 topic echo --once /supply', 'topic')
     verb.add_argument('type', nargs='?', help='message type (default: that of the topic)')

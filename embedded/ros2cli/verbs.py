@@ -32,10 +32,11 @@ class Verbs:
         text: str,
         example: str,
         *positional: str,
+        spin_time: bool = False,
     ) -> argparse.ArgumentParser:
         """Add a verb that runs `function`, with help `text`; return its parser.
 
-        positional: arguments of the verb that have to be given.
+        positional: arguments of the verb that have to be given. spin_time: it looks for others.
         """
         verb = self._verbs.add_parser(
             name, help=text, description=text, epilog=f'Example: {example}'
@@ -43,6 +44,16 @@ class Verbs:
         verb.set_defaults(function=function)
         for argument in positional:
             verb.add_argument(argument)
+        if spin_time:
+            verb.add_argument(
+                '--no-daemon', action='store_true', help='no effect: there is no daemon'
+            )
+            verb.add_argument(
+                '--spin-time',
+                type=float,
+                metavar='SECONDS',
+                help='how long to look for others (default: until nothing new comes for 0.3 s)',
+            )
         return verb
 
     def run(self, argv: Sequence[str]) -> int:
@@ -52,18 +63,6 @@ class Verbs:
             return 0
         options = self._parser.parse_args(argv)
         return options.function(options) or 0
-
-
-def add_spin_time(parser: argparse.ArgumentParser) -> None:
-    """Add the options --no-daemon and --spin-time to a parser."""
-    parser.add_argument('--no-daemon', action='store_true', help='no effect: there is no daemon')
-    parser.add_argument(
-        '--spin-time',
-        type=float,
-        default=None,
-        metavar='SECONDS',
-        help='how long to look for others (default: until nothing new comes for 0.3 s)',
-    )
 
 
 @contextmanager

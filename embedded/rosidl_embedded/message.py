@@ -114,14 +114,11 @@ class Message:
     def __eq__(self, other: object) -> bool:
         if other.__class__ is not self.__class__:
             return False
-        for name in self._fields_and_field_types:
-            mine, its = getattr(self, name), getattr(other, name)
-            if isinstance(mine, np.ndarray) or isinstance(its, np.ndarray):
-                if not np.array_equal(mine, its):
-                    return False
-            elif mine != its:
-                return False
-        return True
+        names = self._fields_and_field_types
+        pairs = ((getattr(self, name), getattr(other, name)) for name in names)
+        return all(
+            np.array_equal(a, b) if np.ndarray in (type(a), type(b)) else a == b for a, b in pairs
+        )
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -309,24 +306,18 @@ def message_class(package: str, name: str, kind: str = 'msg') -> Any:
 
 
 @cache
-def _class_of(package: str, name: str) -> Any:
-    request = class_of(f'{package}/srv/{name}_Request')
-    response = class_of(f'{package}/srv/{name}_Response')
+def service_class(package: str, name: str) -> Any:
+    """Return a service class by package and name.
+
+    Raises AttributeError where there is no such service, as a module does for a missing name.
+    """
+    if name.startswith('__') or not definitions.is_known(f'{package}/srv/{name}_Request'):
+        raise AttributeError(f'module {package}.srv has no attribute {name!r}')
     members = {
-        'Request': request,
-        'Response': response,
+        'Request': class_of(f'{package}/srv/{name}_Request'),
+        'Response': class_of(f'{package}/srv/{name}_Response'),
         '_type_name': f'{package}/srv/{name}',
         '__module__': f'{package}.srv',
         '__doc__': f"Service class '{name}' with Request and Response.",
     }
     return type(name, (), members)
-
-
-def service_class(package: str, name: str, kind: str = 'srv') -> Any:
-    """Return a service class by package and name.
-
-    Raises AttributeError where there is no such service, as a module does for a missing name.
-    """
-    if name.startswith('__') or not definitions.is_known(f'{package}/{kind}/{name}_Request'):
-        raise AttributeError(f'module {package}.{kind} has no attribute {name!r}')
-    return _class_of(package, name)

@@ -54,13 +54,10 @@ class RawSample:
 @cache
 def raw_type(dds_type_name: str) -> type[IdlStruct]:
     """Return a DDS type of this name whose samples are uninterpreted CDR bytes."""
-    idl = make_idl_struct('Raw', dds_type_name, {'structure': uint8}, dataclassify=False)
-    members = {'serialize': RawSample.serialize, '__init__': RawSample.__init__}
-    for name, member in members.items():
-        setattr(idl, name, member)
-    for name in ('deserialize', 'deserialize_key'):
-        setattr(idl, name, classmethod(lambda cls, data, **_: Sample(data)))
-    return idl
+    idl: Any = make_idl_struct('Raw', dds_type_name, {'structure': uint8}, dataclassify=False)
+    idl.__init__, idl.serialize = RawSample.__init__, RawSample.serialize
+    idl.deserialize = idl.deserialize_key = classmethod(lambda cls, data, **_: Sample(data))
+    return idl  # type: ignore[no-any-return]
 
 
 def domain_configuration() -> str:
@@ -106,11 +103,9 @@ class Participant:
     """One DDS participant; it makes readers and writers of raw CDR."""
 
     def __init__(self, domain_id: int, configuration: str, enclave: str = '/'):
-        domain = _domains.get(domain_id)
-        if domain is None:
-            domain = Domain(domain_id, configuration)
-            _domains[domain_id] = domain
-        self._domain = domain
+        if (domain := _domains.get(domain_id)) is None:
+            domain = _domains[domain_id] = Domain(domain_id, configuration)
+        self._domain = domain  # which ends with the last that holds it
         user_data = Policy.Userdata(f'enclave={enclave};'.encode())
         self.dds = DomainParticipant(domain_id, Qos(user_data))
         self.gid: bytes = self.dds.guid.bytes
@@ -122,10 +117,8 @@ class Participant:
         return f'{self.gid.hex(".")}.{next(self._ends)}'
 
     def _topic(self, name: str, type_name: str) -> Topic:
-        topic = self._topics.get((name, type_name))
-        if topic is None:
-            topic = Topic(self.dds, name, raw_type(type_name))
-            self._topics[name, type_name] = topic
+        if (topic := self._topics.get((name, type_name))) is None:
+            topic = self._topics[name, type_name] = Topic(self.dds, name, raw_type(type_name))
         return topic
 
     def writer(self, name: str, type_name: str, qos: Qos) -> DataWriter:
