@@ -10,22 +10,9 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
 from rclpy.task import Future
-from rclpy.utilities import get_default_context, ok, try_shutdown
+from rclpy.utilities import get_default_context, try_shutdown
+from rclpy.utilities import ok as ok
 from rclpy.utilities import shutdown as _shutdown
-
-__all__ = [
-    'InitContextManager',
-    'create_node',
-    'get_default_context',
-    'get_global_executor',
-    'init',
-    'ok',
-    'shutdown',
-    'spin',
-    'spin_once',
-    'spin_until_future_complete',
-    'try_shutdown',
-]
 
 _executor: Any = None
 

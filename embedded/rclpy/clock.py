@@ -6,8 +6,6 @@ from typing import Any
 from rclpy.clock_type import ClockType
 from rclpy.time import Time
 
-__all__ = ['Clock', 'ClockType', 'ROSClock']
-
 
 class Clock:
     """A clock of the kind asked for; `Clock(clock_type=ClockType.ROS_TIME)` is a ROSClock."""

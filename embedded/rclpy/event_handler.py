@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.impl.transport import DDSStatus
+from cyclonedds.core import DDSStatus
+
 from rclpy.qos import DDS_POLICIES, QoSPolicyKind
 
 
@@ -42,18 +43,15 @@ class IncompatibleQos:
         self.entity = endpoint
         self._text = REQUESTED if is_reader else OFFERED
         self._topic, self._events, self._logger = topic, events, logger
-        if is_reader:
-            self._status = endpoint.get_requested_incompatible_qos_status
-            endpoint.set_status_mask(DDSStatus.RequestedIncompatibleQos)
-        else:
-            self._status = endpoint.get_offered_incompatible_qos_status
-            endpoint.set_status_mask(DDSStatus.OfferedIncompatibleQos)
+        side = 'requested' if is_reader else 'offered'
+        self._status = getattr(endpoint, f'get_{side}_incompatible_qos_status')
+        endpoint.set_status_mask(getattr(DDSStatus, f'{side.title()}IncompatibleQos'))
 
-    def check(self) -> None:
-        """Call back, or log a warning, if new incompatible peers appeared."""
+    def check(self) -> list[Any]:
+        """Call back, or log a warning, if new incompatible peers appeared; return []."""
         status = self._status()
         if status.total_count_change <= 0:
-            return
+            return []
         policy = DDS_POLICIES.get(status.last_policy_id, QoSPolicyKind.INVALID)
         callback = self._events.incompatible_qos if self._events else None
         if callback is not None:
@@ -61,3 +59,4 @@ class IncompatibleQos:
             callback(QoSRequestedIncompatibleQoSInfo(*info))
         elif self._events is None or self._events.use_default_callbacks:
             self._logger.warn(self._text.format(topic=self._topic, policy=policy.name))
+        return []

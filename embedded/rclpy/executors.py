@@ -6,8 +6,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from cyclonedds.core import GuardCondition
+
 from rclpy.context import Context
-from rclpy.impl.transport import EntityWaitSet, GuardCondition
+from rclpy.impl.transport import EntityWaitSet
 from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import get_default_context
@@ -32,7 +34,7 @@ class SingleThreadedExecutor:
         self._is_shutdown = False
         self._wait_set: EntityWaitSet | None = None
         self._guard: GuardCondition | None = None
-        self._takers: dict[int, tuple[Any, Callable[[], Any], bool]] = {}
+        self._takers: dict[int, tuple[Any, Callable[[], list[Any]]]] = {}
         self.context._executors.add(self)
 
     def add_node(self, node: Any) -> bool:
@@ -60,8 +62,7 @@ class SingleThreadedExecutor:
         """Interrupt waiting; `changed`: nodes have new or fewer entities (timers, topics …)."""
         if changed:
             self._stale = True
-        guard = self._guard
-        if guard is not None:
+        if (guard := self._guard) is not None:
             guard.set(True)
 
     def forget(self) -> None:
@@ -93,14 +94,8 @@ class SingleThreadedExecutor:
                 self._guard = GuardCondition(self.context.participant.dds)
                 self._wait_set = EntityWaitSet(self.context.participant)
                 self._wait_set.attach(self._guard)
-            wanted: dict[int, tuple[Any, Callable[[], Any], bool]] = {}
-            timers: list[Timer] = []
-            for node in self._nodes:
-                for entity, take in node._conditions():
-                    wanted[id(entity)] = (entity, take, True)
-                for entity, check in node._events():
-                    wanted[id(entity)] = (entity, check, False)
-                timers += node.timers
+            wanted = {id(pair[0]): pair for node in self._nodes for pair in node._conditions()}
+            timers = [timer for node in self._nodes for timer in node.timers]
             for key in self._takers.keys() - wanted.keys():
                 self._wait_set.detach(self._takers[key][0])
             for key in wanted.keys() - self._takers.keys():
@@ -112,10 +107,8 @@ class SingleThreadedExecutor:
         if deadline is not None:
             wait = min(wait, deadline - time.monotonic_ns())
         for timer in self._timers:
-            if timer._follows_wall_time():
-                left = timer.time_until_next_call()
-                if left is not None and left < wait:
-                    wait = left
+            if timer._follows_wall_time() and (left := timer.time_until_next_call()) is not None:
+                wait = min(wait, left)
         return max(wait, 0)
 
     def _collect(self, deadline: int | None) -> None:
@@ -126,21 +119,14 @@ class SingleThreadedExecutor:
         if wait_set is None or guard is None:
             return
         triggered = wait_set.wait_for_entities(self._wait_ns(deadline))
-        ready = self._ready
         for timer in self._timers:
             if timer._advance() and timer.callback is not None:
-                ready.append((_call_timer, timer))
-        takers = self._takers
+                self._ready.append((_call_timer, timer))
         for entity in triggered:
             if entity is guard:
                 guard.set(False)
-                continue
-            _, take, has_samples = takers.get(id(entity), (None, None, False))
-            if take is None:
-                continue
-            found = take()
-            if has_samples:
-                ready.extend(found)
+            elif (found := self._takers.get(id(entity))) is not None:
+                self._ready.extend(found[1]())
 
     def _work(self, deadline: int | None) -> bool:
         """Run one callback, after waiting for it; False at the deadline."""
@@ -159,7 +145,7 @@ class SingleThreadedExecutor:
 
     def create_task(self, callback: Callable[[], Any]) -> None:
         """Schedule a callback to run once in the spinning thread; callable from any thread."""
-        self._ready.append((_call, callback))
+        self._ready.append((lambda task: task(), callback))
         self.wake()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
@@ -191,10 +177,6 @@ def _deadline(timeout_sec: float | None) -> int | None:
     if timeout_sec is None or timeout_sec < 0:
         return None
     return time.monotonic_ns() + int(timeout_sec * 1e9)
-
-
-def _call(callback: Callable[[], Any]) -> None:
-    callback()
 
 
 def _call_timer(timer: Timer) -> None:

@@ -23,6 +23,8 @@ from rclpy.time_source import TimeSource
 from rclpy.timer import Timer
 from rclpy.utilities import get_default_context
 
+ENDPOINTS = (Publisher, Subscription, Client, Service)
+
 
 class Node(Parameters):
     """A node: publishers, subscriptions, services, clients, timers and parameters by one name."""
@@ -50,9 +52,7 @@ class Node(Parameters):
         given |= {parameter.name: parameter.value for parameter in parameter_overrides or []}
         super().__init__(given)
         self._logger = get_logger(self.get_fully_qualified_name()[1:].replace('/', '.'))
-        self._entities: dict[type, list[Any]] = {
-            kind: [] for kind in (Publisher, Subscription, Client, Service, Timer)
-        }
+        self._entities: dict[type, list[Any]] = {kind: [] for kind in (*ENDPOINTS, Timer)}
         self._executor: Any = None
         self._destroyed = False
         self._clock = ROSClock()
@@ -126,30 +126,16 @@ class Node(Parameters):
 
     def _add(self, entity: Any) -> Any:
         self._entities[type(entity)].append(entity)
-        self._note(entity, True)
+        if type(entity) is not Timer and hasattr(self, '_time_source'):
+            self._tell()
         self._wake(changed=True)
         return entity
 
-    def _note(self, entity: Any, added: bool) -> None:
-        """Keep the gids that others learn of up to date."""
-        entry = self._graph_entry
-        pairs: list[tuple[list[bytes], bytes]] = []
-        if isinstance(entity, Publisher):
-            pairs = [(entry.writers, entity.gid)]
-        elif isinstance(entity, Subscription):
-            pairs = [(entry.readers, entity.gid)]
-        elif isinstance(entity, Service | Client):
-            reader, writer = entity.gids
-            pairs = [(entry.readers, reader), (entry.writers, writer)]
-        for gids, gid in pairs:
-            if added:
-                gids.append(gid)
-            elif gid in gids:
-                gids.remove(gid)
-        if pairs and hasattr(self, '_time_source'):
-            self._tell()
-
     def _tell(self) -> None:
+        """Tell others of the endpoints that the node has now."""
+        gids = [entity.gids for kind in ENDPOINTS for entity in self._entities[kind]]
+        self._graph_entry.readers = [gid for readers, _ in gids for gid in readers]
+        self._graph_entry.writers = [gid for _, writers in gids for gid in writers]
         if self._context._graph is not None:
             self._context._graph.publish()
 
@@ -234,7 +220,8 @@ class Node(Parameters):
         if entity not in known:
             return False
         known.remove(entity)
-        self._note(entity, False)
+        if type(entity) is not Timer:
+            self._tell()
         entity.destroy()
         if self._executor is not None:
             self._executor.forget()
@@ -261,15 +248,10 @@ class Node(Parameters):
             graph.nodes = [entry for entry in graph.nodes if entry is not self._graph_entry]
             graph.publish()
 
-    def _conditions(self) -> list[tuple[Any, Any]]:
-        kinds = (Subscription, Client, Service)
-        return [
-            pair for kind in kinds for item in self._entities[kind] for pair in item._conditions()
-        ]
-
-    def _events(self) -> list[tuple[Any, Any]]:
-        kinds = (Publisher, Subscription)
-        return [pair for kind in kinds for item in self._entities[kind] for pair in item._events()]
+    def _conditions(self) -> list[tuple[Any, Callable[[], list[Any]]]]:
+        """Entities to wait for, each with what gives the callbacks that are then due."""
+        entities = [entity for kind in ENDPOINTS for entity in self._entities[kind]]
+        return [pair for entity in entities for pair in entity._conditions()]
 
     def count_publishers(self, topic_name: str) -> int:
         """Return the number of publishers of a topic in the domain."""

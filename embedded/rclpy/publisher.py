@@ -7,7 +7,7 @@ from rosidl_embedded import codec, definitions
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.event_handler import IncompatibleQos
-from rclpy.impl.graph import dds_type
+from rclpy.impl.graph import Gids, dds_type
 from rclpy.impl.transport import raw_type
 from rclpy.qos import QoSProfile, to_dds
 
@@ -28,7 +28,7 @@ class Publisher:
         qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
         self._raw: Any = raw_type(name)
         self._writer: Any = node.context.participant.writer(f'rt{topic}', name, qos)
-        self.gid: bytes = self._writer.guid.bytes
+        self.gids: Gids = [], [self._writer.guid.bytes]
         self._event: IncompatibleQos | None = IncompatibleQos(
             self._writer, False, given_name, None, node.get_logger()
         )
@@ -74,7 +74,7 @@ class Publisher:
             raise InvalidHandle
         return self._writer
 
-    def _events(self) -> list[tuple[Any, Any]]:
+    def _conditions(self) -> list[tuple[Any, Any]]:
         return [] if self._event is None else [(self._event.entity, self._event.check)]
 
     def destroy(self) -> None:

@@ -4,13 +4,14 @@ import inspect
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Self
 
 from rosidl_embedded import codec, definitions
 
 from rclpy.event_handler import IncompatibleQos
 from rclpy.exceptions import InvalidHandle
-from rclpy.impl.graph import dds_type
+from rclpy.impl.graph import Gids, dds_type
 from rclpy.impl.transport import Sample, unread
 from rclpy.qos import HistoryPolicy, QoSProfile, to_dds
 
@@ -36,16 +37,15 @@ class SubscriptionHandle:
     def take_message(self, pymsg_type: Any, raw: bool) -> tuple[Any, dict[str, int]] | None:
         """Return the oldest waiting message with its `message_info`; None if none waits."""
         while True:
-            if not self._taken:
-                samples = self._reader.take(self._batch)
-                if not samples:
-                    return None
-                self._taken.extend(s for s in samples if s.__class__ is Sample)
-                continue
-            sample = self._taken.popleft()
-            message = decoded(sample, pymsg_type, raw, self._topic, self._logger)
-            if message is not None:
-                return message, message_info(sample)
+            while self._taken:
+                sample = self._taken.popleft()
+                message = decoded(sample, pymsg_type, raw, self._topic, self._logger)
+                if message is not None:
+                    return message, message_info(sample)
+            samples = self._reader.take(self._batch)
+            if not samples:
+                return None
+            self._taken.extend(s for s in samples if s.__class__ is Sample)
 
     def destroy(self) -> None:
         """Release the reader and drop waiting messages."""
@@ -74,11 +74,9 @@ def takes_info(callback: Callable[..., Any]) -> bool:
     """Return True for a callback (message, info), False for (message); else RuntimeError."""
     signature = inspect.signature(callback)
     for arguments in (1, 2):
-        try:
+        with suppress(TypeError):
             signature.bind(*[object()] * arguments)
-        except TypeError:
-            continue
-        return arguments == 2
+            return arguments == 2
     raise RuntimeError(
         'Subscription.__init__(): callback should be either be callable with one argument'
         '(to get only the message) or two (to get message and message info)'
@@ -112,7 +110,7 @@ class Subscription:
         qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
         name = dds_type(msg_type._type_name)
         self._reader: Any = node.context.participant.reader(f'rt{topic}', name, qos)
-        self.gid: bytes = self._reader.guid.bytes
+        self.gids: Gids = [self._reader.guid.bytes], []
         self._unread: Any = unread(self._reader)
         keeps_all = qos_profile.history == HistoryPolicy.KEEP_ALL
         self._batch = BATCH if keeps_all else max(1, min(BATCH, qos_profile.depth))
@@ -122,12 +120,10 @@ class Subscription:
         )
 
     def _conditions(self) -> list[tuple[Any, Any]]:
-        if self._reader is None or not self.callback_group.can_execute(self):
+        if self._event is None:
             return []
-        return [(self._unread, self._take)]
-
-    def _events(self) -> list[tuple[Any, Any]]:
-        return [] if self._event is None else [(self._event.entity, self._event.check)]
+        served = [(self._unread, self._take)] if self.callback_group.can_execute(self) else []
+        return [*served, (self._event.entity, self._event.check)]
 
     def _take(self) -> list[tuple[Any, Any]]:
         """Return the callbacks that are due, each with its sample."""
@@ -140,12 +136,8 @@ class Subscription:
         if self._reader is None:
             return
         message = decoded(sample, self.msg_type, self.raw, self.topic, self._logger)
-        if message is None:
-            return
-        if self._with_info:
-            self.callback(message, message_info(sample))
-        else:
-            self.callback(message)
+        if message is not None:
+            self.callback(message, *([message_info(sample)] if self._with_info else []))
 
     def destroy(self) -> None:
         """Release the DDS reader."""

@@ -2,6 +2,7 @@
 
 import threading
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +22,13 @@ TOPIC = 'ros_discovery_info'
 TYPE = 'rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_'
 MESSAGE = 'rmw_dds_common/msg/ParticipantEntitiesInfo'
 PREFIXES = {'rt': 'topic', 'rq': 'request', 'rr': 'reply'}
+BUILTIN = {
+    'participant': BuiltinTopicDcpsParticipant,
+    'writer': BuiltinTopicDcpsPublication,
+    'reader': BuiltinTopicDcpsSubscription,
+}
 LIMIT = 20_000
+Gids = tuple[list[bytes], list[bytes]]  # of readers and of writers
 
 
 @dataclass
@@ -127,12 +134,8 @@ class Graph:
     def _listen(self) -> None:
         if self._reader is None:
             self._reader = self._participant.reader(TOPIC, TYPE, _qos(1000))
-            for kind, topic in (
-                ('participant', BuiltinTopicDcpsParticipant),
-                ('writer', BuiltinTopicDcpsPublication),
-                ('reader', BuiltinTopicDcpsSubscription),
-            ):
-                self._builtin[kind] = BuiltinDataReader(self._participant.dds, topic)
+            dds = self._participant.dds
+            self._builtin = {kind: BuiltinDataReader(dds, t) for kind, t in BUILTIN.items()}
 
     def _alive(self, kind: str) -> list[Any]:
         self._listen()
@@ -167,32 +170,27 @@ class Graph:
     def endpoints(self, kind: str) -> list[Endpoint]:
         """Return all readers (`reader`) or writers (`writer`) of the domain."""
         with self._lock:
-            found = []
-            for sample in self._alive(kind):
-                name_kind, name = ros_name(sample.topic_name)
-                found.append(
-                    Endpoint(sample.key.bytes, name_kind, name, sample.type_name, sample.qos)
-                )
-            return found
+            return [
+                Endpoint(s.key.bytes, *ros_name(s.topic_name), s.type_name, s.qos)
+                for s in self._alive(kind)
+            ]
 
     def topics(self) -> dict[str, list[str]]:
         """Return the type names of each topic, by absolute topic name."""
-        return self._types('topic')
+        return _types('topic', [*self.endpoints('writer'), *self.endpoints('reader')])
 
     def services(self) -> dict[str, list[str]]:
         """Return the type names of each service that has a server, by absolute name."""
-        return self._types('request', ('reader',))
-
-    def _types(
-        self, kind: str, sides: tuple[str, ...] = ('writer', 'reader')
-    ) -> dict[str, list[str]]:
-        types: defaultdict[str, set[str]] = defaultdict(set)
-        for side in sides:
-            for endpoint in self.endpoints(side):
-                if endpoint.kind == kind:
-                    types[endpoint.name].add(ros_type(endpoint.type_name))
-        return {name: sorted(found) for name, found in sorted(types.items())}
+        return _types('request', self.endpoints('reader'))
 
     def count(self, kind: str, topic: str) -> int:
         """Count the readers (`reader`) or writers (`writer`) of a topic."""
         return sum(e.kind == 'topic' and e.name == topic for e in self.endpoints(kind))
+
+
+def _types(kind: str, endpoints: Sequence[Endpoint]) -> dict[str, list[str]]:
+    types: defaultdict[str, set[str]] = defaultdict(set)
+    for end in endpoints:
+        if end.kind == kind:
+            types[end.name].add(ros_type(end.type_name))
+    return {name: sorted(found) for name, found in sorted(types.items())}

@@ -9,7 +9,7 @@ from cyclonedds.core import DDSException
 from rosidl_embedded import codec, definitions
 
 from rclpy.exceptions import InvalidHandle
-from rclpy.impl.graph import dds_type
+from rclpy.impl.graph import Gids, dds_type
 from rclpy.impl.transport import Participant, Sample, raw_type, unread
 from rclpy.qos import QoSProfile, to_dds
 
@@ -41,7 +41,7 @@ class ServiceEnd:
         self._writer: Any = participant.writer(topic_out, name_out, options(outgoing))
         self.reader: Any = participant.reader(topic_in, name_in, options(self._incoming))
         self.unread = unread(self.reader)
-        self.gids: tuple[bytes, bytes] = (self.reader.guid.bytes, self._writer.guid.bytes)
+        self.gids: Gids = [self.reader.guid.bytes], [self._writer.guid.bytes]
         self.handle = self._writer.instance_handle & 0xFFFF_FFFF_FFFF_FFFF
 
     def send(self, message: Any, guid: int, sequence: int) -> None:
@@ -105,11 +105,7 @@ class ServiceEntity:
         self._end: ServiceEnd | None = ServiceEnd(
             node.context.participant, srv_type, srv_name, qos_profile, is_server
         )
-
-    @property
-    def gids(self) -> tuple[bytes, bytes]:
-        """Gids of reader and writer."""
-        return self._alive().gids
+        self.gids = self._end.gids
 
     def _alive(self) -> ServiceEnd:
         if self._end is None:

@@ -7,16 +7,7 @@ from itertools import count
 from typing import Any
 from weakref import WeakValueDictionary
 
-from cyclonedds.core import (
-    DDSStatus,
-    Entity,
-    GuardCondition,
-    InstanceState,
-    ReadCondition,
-    SampleState,
-    ViewState,
-    WaitSet,
-)
+from cyclonedds.core import Entity, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import uint8
@@ -173,6 +164,3 @@ class EntityWaitSet(WaitSet):
 def unread(reader: DataReader) -> ReadCondition:
     """Return a condition that is true while a reader has samples that were not taken."""
     return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
-
-
-__all__ = ['DDSStatus', 'EntityWaitSet', 'GuardCondition', 'Participant', 'Sample', 'unread']
