@@ -3,13 +3,13 @@
 from typing import Any
 
 from cyclonedds.core import DDSException
-from rosidl_embedded import codec, definitions
+from rosidl_embedded import codec
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.event_handler import IncompatibleQos
-from rclpy.impl.graph import Gids, dds_type
+from rclpy.impl.graph import Gids
 from rclpy.impl.transport import raw_type
-from rclpy.qos import QoSProfile, to_dds
+from rclpy.qos import QoSProfile
 
 
 class Publisher:
@@ -24,10 +24,9 @@ class Publisher:
         self._node = node
         self._context = node.context
         self._topic = topic
-        name = dds_type(msg_type._type_name)
-        qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
+        name = msg_type._type_name
         self._raw: Any = raw_type(name)
-        self._writer: Any = node.context.participant.writer(f'rt{topic}', name, qos)
+        self._writer: Any = node.context.participant.writer(f'rt{topic}', name, qos_profile)
         self.gids: Gids = [], [self._writer.guid.bytes]
         self._event: IncompatibleQos | None = IncompatibleQos(
             self._writer, False, given_name, None, node.get_logger()

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Self
 
-from rosidl_embedded import codec, definitions
+from rosidl_embedded import codec
 
 from rclpy.event_handler import IncompatibleQos
 from rclpy.exceptions import InvalidHandle
-from rclpy.impl.graph import Gids, dds_type
+from rclpy.impl.graph import Gids
 from rclpy.impl.transport import Sample, unread
-from rclpy.qos import HistoryPolicy, QoSProfile, to_dds
+from rclpy.qos import HistoryPolicy, QoSProfile
 
 BATCH = 32
 
@@ -107,9 +107,8 @@ class Subscription:
         self._with_info = takes_info(callback)
         self.topic = topic
         self._logger = node.get_logger()
-        qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
-        name = dds_type(msg_type._type_name)
-        self._reader: Any = node.context.participant.reader(f'rt{topic}', name, qos)
+        name = msg_type._type_name
+        self._reader: Any = node.context.participant.reader(f'rt{topic}', name, qos_profile)
         self.gids: Gids = [self._reader.guid.bytes], []
         self._unread: Any = unread(self._reader)
         keeps_all = qos_profile.history == HistoryPolicy.KEEP_ALL

@@ -24,8 +24,6 @@ def _list(options: argparse.Namespace) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
-    from rclpy.impl.graph import ros_type  # slow to import
-
     with direct_node() as node:
         discover(node, options.spin_time)
         graph = node.context.graph
@@ -44,9 +42,7 @@ def _info(options: argparse.Namespace) -> None:
         ('Service Clients', writers, 'request'),
     ):
         print(f'  {title}:')
-        for name, type_name in sorted(
-            (e.name, ros_type(e.type_name)) for e in ends if e.kind == kind
-        ):
+        for name, type_name in sorted((e.name, e.type_name) for e in ends if e.kind == kind):
             print(f'    {name}: {type_name}')
 
 

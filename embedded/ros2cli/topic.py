@@ -61,8 +61,7 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _described(node: Any, end: Any, kind: str) -> str:
-    from rclpy.impl.graph import ros_type  # slow to import
-    from rclpy.qos import from_dds
+    from rclpy.qos import from_dds  # slow to import
 
     owner = next(
         (n for n in node.context.graph.participants() if end.gid in (*n.readers, *n.writers)), None
@@ -72,7 +71,7 @@ def _described(node: Any, end: Any, kind: str) -> str:
         (
             f'Node name: {owner.name if owner else "_NODE_NAME_UNKNOWN_"}',
             f'Node namespace: {owner.namespace if owner else "_NODE_NAMESPACE_UNKNOWN_"}',
-            f'Topic type: {ros_type(end.type_name)}',
+            f'Topic type: {end.type_name}',
             f'Endpoint type: {"PUBLISHER" if kind == "writer" else "SUBSCRIPTION"}',
             f'GID: {end.gid.hex(".")}',
             'QoS profile:',

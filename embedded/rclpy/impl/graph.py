@@ -13,14 +13,13 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsSubscription,
 )
 from cyclonedds.core import InstanceState
-from cyclonedds.qos import Policy, Qos
-from rosidl_embedded import definitions, deserialize, message_class, serialize
+from rosidl_embedded import deserialize, message_class, serialize
 
 from rclpy.impl.transport import Participant, raw_type
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 TOPIC = 'ros_discovery_info'
-TYPE = 'rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_'
-MESSAGE = 'rmw_dds_common/msg/ParticipantEntitiesInfo'
+TYPE = 'rmw_dds_common/msg/ParticipantEntitiesInfo'
 PREFIXES = {'rt': 'topic', 'rq': 'request', 'rr': 'reply'}
 BUILTIN = {
     'participant': BuiltinTopicDcpsParticipant,
@@ -71,22 +70,8 @@ def ros_type(dds_type: str) -> str:
     return name
 
 
-def dds_type(type_name: str) -> str:
-    """Return `pkg::msg::dds_::Name_` of `pkg/msg/Name`."""
-    package, kind, name = type_name.split('/')
-    return f'{package}::{kind}::dds_::{name}_'
-
-
-def _qos(depth: int) -> Qos:
-    history = Policy.History.KeepLast(depth)
-    return Qos(
-        Policy.Reliability.Reliable(max_blocking_time=100_000_000),
-        Policy.Durability.TransientLocal,
-        history,
-        Policy.DurabilityService(0, history, -1, -1, -1),
-        Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
-        Policy.Userdata(f'typehash={definitions.type_hash(MESSAGE)};'.encode()),
-    )
+def _qos(depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Graph:
@@ -171,7 +156,7 @@ class Graph:
         """Return all readers (`reader`) or writers (`writer`) of the domain."""
         with self._lock:
             return [
-                Endpoint(s.key.bytes, *ros_name(s.topic_name), s.type_name, s.qos)
+                Endpoint(s.key.bytes, *ros_name(s.topic_name), ros_type(s.type_name), s.qos)
                 for s in self._alive(kind)
             ]
 
@@ -192,5 +177,5 @@ def _types(kind: str, endpoints: Sequence[Endpoint]) -> dict[str, list[str]]:
     types: defaultdict[str, set[str]] = defaultdict(set)
     for end in endpoints:
         if end.kind == kind:
-            types[end.name].add(ros_type(end.type_name))
+            types[end.name].add(end.type_name)
     return {name: sorted(found) for name, found in sorted(types.items())}

@@ -6,12 +6,12 @@ from itertools import count
 from typing import Any
 
 from cyclonedds.core import DDSException
-from rosidl_embedded import codec, definitions
+from rosidl_embedded import codec
 
 from rclpy.exceptions import InvalidHandle
-from rclpy.impl.graph import Gids, dds_type
+from rclpy.impl.graph import Gids
 from rclpy.impl.transport import Participant, Sample, raw_type, unread
-from rclpy.qos import QoSProfile, to_dds
+from rclpy.qos import QoSProfile
 
 HEADER = struct.Struct('<Qq')
 MATCH_PATIENCE = 0.1
@@ -26,20 +26,13 @@ class ServiceEnd:
     ):
         codec.warm(srv_type.Request)
         codec.warm(srv_type.Response)
-        request, reply = f'rq{name}Request', f'rr{name}Reply'
-        self._incoming = srv_type.Request if is_server else srv_type.Response
-        outgoing = srv_type.Response if is_server else srv_type.Request
-        end_id = participant.next_end_id()
-        user_data = f'{"serviceid" if is_server else "clientid"}={end_id};'
-
-        def options(cls: Any) -> Any:
-            return to_dds(qos, f'{user_data}typehash={definitions.type_hash(cls._type_name)};')
-
-        name_in, name_out = dds_type(self._incoming._type_name), dds_type(outgoing._type_name)
-        topic_in, topic_out = (request, reply) if is_server else (reply, request)
+        ends = [(f'rq{name}Request', srv_type.Request), (f'rr{name}Reply', srv_type.Response)]
+        (topic_in, self._incoming), (topic_out, outgoing) = ends if is_server else ends[::-1]
+        name_in, name_out = self._incoming._type_name, outgoing._type_name
+        user_data = f'{"serviceid" if is_server else "clientid"}={participant.next_end_id()};'
         self._raw: Any = raw_type(name_out)
-        self._writer: Any = participant.writer(topic_out, name_out, options(outgoing))
-        self.reader: Any = participant.reader(topic_in, name_in, options(self._incoming))
+        self._writer = participant.writer(topic_out, name_out, qos, user_data)
+        self.reader = participant.reader(topic_in, name_in, qos, user_data)
         self.unread = unread(self.reader)
         self.gids: Gids = [self.reader.guid.bytes], [self._writer.guid.bytes]
         self.handle = self._writer.instance_handle & 0xFFFF_FFFF_FFFF_FFFF
@@ -62,8 +55,7 @@ class ServiceEnd:
         taken = []
         for sample in self.reader.take(16):
             if sample.__class__ is Sample and len(sample) >= 4 + HEADER.size:
-                order = '<Qq' if sample[1] else '>Qq'
-                guid, sequence = struct.unpack_from(order, sample, 4)
+                guid, sequence = struct.unpack_from('<Qq' if sample[1] else '>Qq', sample, 4)
                 message = codec.deserialize(sample, self._incoming, HEADER.size)
                 taken.append((guid, sequence, sample.sample_info.publication_handle, message))
         return taken

@@ -16,6 +16,9 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from rosidl_embedded import definitions
+
+from rclpy.qos import QoSProfile, to_dds
 
 MAX_PARTICIPANTS = 100
 LOOPBACK = (
@@ -43,9 +46,11 @@ class RawSample:
 
 
 @cache
-def raw_type(dds_type_name: str) -> type[IdlStruct]:
-    """Return a DDS type of this name whose samples are uninterpreted CDR bytes."""
-    idl: Any = make_idl_struct('Raw', dds_type_name, {'structure': uint8}, dataclassify=False)
+def raw_type(type_name: str) -> type[IdlStruct]:
+    """Return the DDS type of `pkg/msg/Name`, whose samples are uninterpreted CDR bytes."""
+    package, kind, name = type_name.split('/')
+    dds_name = f'{package}::{kind}::dds_::{name}_'
+    idl: Any = make_idl_struct('Raw', dds_name, {'structure': uint8}, dataclassify=False)
     idl.__init__, idl.serialize = RawSample.__init__, RawSample.serialize
     idl.deserialize = idl.deserialize_key = classmethod(lambda cls, data, **_: Sample(data))
     return idl  # type: ignore[no-any-return]
@@ -112,13 +117,17 @@ class Participant:
             topic = self._topics[name, type_name] = Topic(self.dds, name, raw_type(type_name))
         return topic
 
-    def writer(self, name: str, type_name: str, qos: Qos) -> DataWriter:
-        """Make a writer; name, type_name: of the DDS topic, such as `rt/joint_states`."""
-        return DataWriter(self.dds, self._topic(name, type_name), qos)
+    def writer(self, name: str, type_name: str, qos: QoSProfile, user_data: str = '') -> Any:
+        """Make a writer of a DDS topic, such as `rt/joint_states`; type_name: `pkg/msg/Name`."""
+        return DataWriter(self.dds, self._topic(name, type_name), _qos(qos, type_name, user_data))
 
-    def reader(self, name: str, type_name: str, qos: Qos) -> DataReader:
-        """Make a reader; name, type_name: of the DDS topic, such as `rt/joint_states`."""
-        return DataReader(self.dds, self._topic(name, type_name), qos)
+    def reader(self, name: str, type_name: str, qos: QoSProfile, user_data: str = '') -> Any:
+        """Make a reader of a DDS topic, such as `rt/joint_states`; type_name: `pkg/msg/Name`."""
+        return DataReader(self.dds, self._topic(name, type_name), _qos(qos, type_name, user_data))
+
+
+def _qos(profile: QoSProfile, type_name: str, user_data: str) -> Qos:
+    return to_dds(profile, f'{user_data}typehash={definitions.type_hash(type_name)};')
 
 
 class EntityWaitSet(WaitSet):
