@@ -32,13 +32,16 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
     whole = next((c for n, c in names.items() if n in ('sec', 'secs', 'seconds', 's')), None)
     rest = next((c for n, c in names.items() if n in ('nsec', 'nsecs', 'nanosec', 'ns')), None)
     if whole is not None and rest is not None:
-        return _added(
-            [(whole.listed, 's'), (rest.listed, 'ns')], 'seconds and nanoseconds, by name'
-        )
+        both = [(whole.listed, 's'), (rest.listed, 'ns')]
+        return _added(both, 'seconds and nanoseconds, by name')
     clock = next((item for item in listed if is_time_of_day(item.text)), None)
     if clock is not None:
         dates = [item for item in listed if is_date(item.text)][:1]
-        milli = [item for item in listed if _is_milli(item)][:1]
+        milli = [
+            item
+            for item in listed
+            if re.search(_MILLI, words(item.column.address)) and 0 <= item.low <= item.high < 1000
+        ][:1]
         parts = [*((d, '') for d in dates), (clock, ''), *((m, 'ms') for m in milli)]
         if len(parts) > 1:
             return _added(parts, 'parts of a time, added')
@@ -72,10 +75,8 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
             f'{best.listed.changes:.0%} of the rows only'
         )
     others = [c.address for c in times if c != best][:_OTHERS]
-    notes = [
-        text for text in (why, f'or {printable(", ".join(others))}' if others else '') if text
-    ]
-    note = f'   # {"; ".join(notes)}' if notes else ''
+    notes = [why, f'or {printable(", ".join(others))}' if others else '']
+    note = f'   # {"; ".join(filter(None, notes))}' if any(notes) else ''
     return f'time: {{column: {yaml_text(best.address)}, unit: {unit}}}{note}'
 
 
@@ -106,13 +107,6 @@ def _added(parts: Sequence[tuple[Listed, str]], why: str) -> str:
     return f'time: {{columns: [{columns}]}}   # {why}'
 
 
-def _is_milli(item: Listed) -> bool:
-    """Tell whether a column counts the milliseconds of a second."""
-    return (
-        bool(re.search(_MILLI, words(item.column.address))) and 0 <= item.low <= item.high < 1000
-    )
-
-
 def _ticks(first: Listed) -> bool:
     """Tell whether the first column of a table goes on in even steps, and not by ones."""
     steps = np.diff(first.values)
@@ -133,12 +127,8 @@ def _follow(candidate: CandidateColumn) -> bool:
 def _counts_cycles(item: Listed) -> bool:
     """Tell whether a column goes up with each row, nearly always by one: a few were lost."""
     steps = np.diff(item.values)
-    return (
-        len(steps) >= _FEWEST
-        and not item.column.unit
-        and bool((steps > 0).all())
-        and by_ones(steps)
-    )
+    rises = len(steps) >= _FEWEST and bool((steps > 0).all())
+    return rises and not item.column.unit and by_ones(steps)
 
 
 def _counts(candidate: CandidateColumn) -> bool:

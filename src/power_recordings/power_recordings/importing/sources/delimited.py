@@ -7,12 +7,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import RecordBatch, Table
+from pyarrow import Table
 from pyarrow import compute as pc
 from pyarrow import csv as arrow_csv
 from wattwalk_core.errors import InputError, printable
@@ -44,7 +45,9 @@ def decoded(raw: bytes, whole: bool) -> tuple[list[str], str, int]:
     """
     mark, encoding = next(((m, e) for m, e in _MARKS if raw.startswith(m)), (b'', ''))
     raw = raw[len(mark) :]
-    likely = ['utf8', 'gb18030'] if _in_pairs(raw) else ['utf8']
+    runs = _HIGH.findall(raw)
+    in_pairs = sum(len(run) % 2 == 0 for run in runs) >= _PAIRED * len(runs)
+    likely = ['utf8', 'gb18030'] if in_pairs else ['utf8']
     if encoding.startswith('utf-16'):
         likely = [encoding]
     for encoding in (*likely, 'latin-1'):  # the last of which decodes anything
@@ -54,11 +57,6 @@ def decoded(raw: bytes, whole: bool) -> tuple[list[str], str, int]:
     if not whole:
         text = text[: max(text.rfind('\n'), text.rfind('\r')) + 1]
     return _LINE.findall(text), encoding, len(mark)
-
-
-def _in_pairs(raw: bytes) -> bool:
-    runs = _HIGH.findall(raw)
-    return sum(len(run) % 2 == 0 for run in runs) >= _PAIRED * len(runs)
 
 
 _HEAD: Final = 256 << 10  # bytes that are looked at to find the dialect
@@ -155,15 +153,9 @@ class DelimitedFile(LogSource):
                     strings_can_be_null=False,
                 ),
             )
-            waiting: list[RecordBatch] = []
-            for batch in reader:
-                waiting.append(batch)
-                if len(waiting) == _BATCHES:
-                    progress(file.tell())
-                    yield pa.Table.from_batches(waiting)
-                    waiting = []
-            if waiting:
-                yield pa.Table.from_batches(waiting)
+            while batches := list(islice(reader, _BATCHES)):
+                progress(file.tell())
+                yield pa.Table.from_batches(batches)
 
     def _numbers(self, table: Table) -> dict[str, np.ndarray]:
         return {

@@ -37,7 +37,12 @@ class Spreadsheet(LogSource):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         with reading(path, 'workbook'), catch_warnings(action='ignore'):
-            _check_size(path, self.size)
+            with ZipFile(path) as archive:
+                size = sum(entry.file_size for entry in archive.infolist())
+            if size > _ROOM + _RATIO * self.size:
+                raise InputError(
+                    f'{path}: unpacks to {size >> 20} MiB, far more than a workbook does'
+                )
             self._book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
             self._heads = {s.title: h for s in self._book.worksheets if (h := _head(s))}
             for head in self._heads.values():
@@ -87,13 +92,6 @@ def _rows(sheet: Any) -> Iterator[Sequence[Any]]:
         if empty > _MOST_EMPTY:
             return
         yield row
-
-
-def _check_size(path: Path, packed: int) -> None:
-    with ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > _ROOM + _RATIO * packed:
-        raise InputError(f'{path}: unpacks to {size >> 20} MiB, far more than a workbook does')
 
 
 def _head(sheet: Any) -> Head | None:
