@@ -124,11 +124,8 @@ class Message:
 
     def __repr__(self) -> str:
         package, kind, name = self._type_name.split('/')
-        parts = []
-        for field in self._fields_and_field_types:
-            value = getattr(self, field)
-            shown = value.tolist() if isinstance(value, NumericArray) else value
-            parts.append(f'{field}={shown!r}')
+        values = [(field, getattr(self, field)) for field in self._fields_and_field_types]
+        parts = [f'{f}={v.tolist() if isinstance(v, NumericArray) else v!r}' for f, v in values]
         return f'{package}.{kind}.{name}({", ".join(parts)})'
 
 
@@ -172,10 +169,8 @@ class _Field:
             self.wire, self.receive = f'_wire_{self.name}', f'bytes(({self.name} & 255,))'
             self.send = partial(int.from_bytes, byteorder='little', signed=True)
         else:
-            value = definitions.DEFAULTS.get((type_name, self.name))
-            self.default = (
-                SCALAR_DEFAULTS.get(str(desc[1][0]), '0') if value is None else repr(value)
-            )
+            usual = SCALAR_DEFAULTS.get(str(desc[1][0]), '0')
+            self.default = str(definitions.DEFAULTS.get((type_name, self.name), usual))
 
     def _numbers(self, typecode: str, desc: FieldDesc) -> None:
         self.slot = self.wire = f'_{self.name}'
@@ -216,12 +211,7 @@ class _Field:
 
 
 def _property(field: _Field, checked: bool) -> property:
-    scope: dict[str, Any] = {
-        'numeric': numeric,
-        'ndarray': np.array,
-        'check': check,
-        **field.namespace,
-    }
+    scope: dict[str, Any] = {'numeric': numeric, 'ndarray': np.array, 'check': check}
     value = field.assign or 'value'
     test = f'\n    check({field.name!r}, {field.idl!r}, value)' if checked else ''
     exec(
@@ -255,14 +245,13 @@ def class_of(type_name: str) -> type[Message]:
         '_type_name': type_name,
         '_fields_and_field_types': {field.name: field.idl for field in shown},
     }
+    scope: dict[str, Any] = {'NumericArray': NumericArray, 'zeros': np.zeros}
     for field in shown:
+        scope |= field.namespace
         if field.slot != field.name:
             members[field.name] = _property(field, checked)
         if (wire := field.wire_property()) is not None:
             members[field.wire] = wire
-    scope: dict[str, Any] = {'NumericArray': NumericArray, 'zeros': np.zeros}
-    for field in shown:
-        scope |= field.namespace
     members['__init__'] = _initialiser(shown, scope)
     cls: type[Message] = type(name, (Message,), members)
     scope |= {'cls': cls, 'new': cls.__new__}
