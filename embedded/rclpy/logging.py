@@ -93,10 +93,6 @@ class RcutilsLogger:
         """Set the lowest severity that this logger writes."""
         set_logger_level(self.name, level)
 
-    def is_enabled_for(self, severity: int) -> bool:
-        """Tell whether a message of this severity is written."""
-        return severity >= get_logger_effective_level(self.name)
-
     def log(
         self,
         message: object,
@@ -112,7 +108,7 @@ class RcutilsLogger:
         Raises ValueError where one place logs at different severities, as rclpy does.
         """
         level = LoggingSeverity(severity)
-        if not self.is_enabled_for(level):
+        if level < get_logger_effective_level(self.name):
             return False
         place = _place()
         if self._severities.setdefault(place, level) is not level:

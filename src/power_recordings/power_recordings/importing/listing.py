@@ -60,9 +60,8 @@ def list_columns(source: LogSource) -> list[Listed]:
         for address, values in block.values.items():
             parts[address].append(values)
         if block.log_ns is not None:
-            header = block.header_ns
-            stamped = header is not None and header.any()
-            stamps[block.stream].append(header if stamped else block.log_ns)
+            own = block.header_ns
+            stamps[block.stream].append(own if own is not None and own.any() else block.log_ns)
     found, ended = {}, next(blocks, None) is None
     for address, arrays in parts.items():
         column, values = known[address], np.concatenate(arrays)
