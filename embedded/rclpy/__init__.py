@@ -11,8 +11,6 @@ from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
 from rclpy.task import Future
 from rclpy.utilities import get_default_context, try_shutdown
-from rclpy.utilities import ok as ok
-from rclpy.utilities import shutdown as _shutdown
 
 _executor: Any = None
 
@@ -63,9 +61,14 @@ def init(
 def shutdown(*, context: Context | None = None) -> None:
     """Shut a context down; raise RuntimeError where it was not started."""
     default = get_default_context()
-    _shutdown(context=context)
+    (get_default_context(shutting_down=True) if context is None else context).shutdown()
     if context in (None, default):
         uninstall_signal_handlers()
+
+
+def ok(*, context: Context | None = None) -> bool:
+    """Tell whether a context was started and not shut down."""
+    return (get_default_context() if context is None else context).ok()
 
 
 def create_node(node_name: str, **options: Any) -> Any:

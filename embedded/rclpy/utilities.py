@@ -28,16 +28,6 @@ def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
     return arguments.split(sys.argv if args is None else args)[0]
 
 
-def ok(*, context: Context | None = None) -> bool:
-    """Tell whether a context was started and not shut down."""
-    return (get_default_context() if context is None else context).ok()
-
-
-def shutdown(*, context: Context | None = None) -> None:
-    """Shut a context down; raise RuntimeError where it was not started."""
-    (get_default_context(shutting_down=True) if context is None else context).shutdown()
-
-
 def try_shutdown(*, context: Context | None = None) -> None:
     """Shut a context down, where it was started and not shut down."""
     if context is not None:
