@@ -1,6 +1,6 @@
 """Ranges of state in which a model's error is largest, in words."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -91,14 +91,34 @@ def worst_regimes(
             continue
         error = -residual[good, drive]
         rows = {key: values[good, drive] for key, values in state.items()}
-        total = float(np.square(error).sum())
-        edges = _edges(scale, drive)
-        found += _by_load(name, error, rows['torque'], rows['velocity'], total, *edges)
-        for key in ('acceleration', 'position', 'time', 'temperature'):
-            if key in rows and np.isfinite(rows[key]).all():
-                found += _by_range(name, error, key, rows[key], total)
+        total = max(float(np.square(error).sum()), 1e-12)
+        loads, speeds = _edges(scale, drive)
+        load, speed = np.abs(rows['torque']), np.abs(rows['velocity'])
+        shaft, moves = rows['torque'] * rows['velocity'], speed >= speeds[0]
+        modes = {
+            'driving': (moves & (shaft > 0), speeds),
+            'braking': (moves & (shaft <= 0), speeds),
+            'at rest': (speed < speeds[0], (0.0, speeds[0])),
+        }
+        kinds: list[Iterable[_Range]] = [
+            _by_load(mode, error[own], load[own], speed[own], loads, edges)
+            for mode, (own, edges) in modes.items()
+        ]
+        kinds += [
+            _by_range(error, key, rows[key])
+            for key in ('acceleration', 'position', 'time', 'temperature')
+            if key in rows and np.isfinite(rows[key]).all()
+        ]
         for key, words in (labels or {}).items():
-            found += _by_label(name, error, key, words[good, drive], total)
+            kinds += _by_label(error, key, words[good, drive])
+        for kind in kinds:
+            best = max(kind, key=lambda one: one[2] ** 2 / one[3], default=None)
+            if best is not None:
+                conditions, bounds, summed, count = best
+                share = summed**2 / count / total
+                if share >= _LEAST_SHARE:
+                    place = conditions, bounds, summed / count, count / _RATE
+                    found.append(Regime(name, *place, share))
     found.sort(key=lambda regime: -abs(regime.error_w) * np.sqrt(regime.share * regime.seconds))
     return found[:_SHOWN]
 
@@ -146,89 +166,60 @@ def _edges(scale: DriveScale | None, drive: int) -> tuple[tuple[float, ...], tup
     return torques, speeds
 
 
+_Range = tuple[tuple[str, ...], Mapping[str, tuple[float, float]], float, float]
+"""Conditions and bounds of a range of state, the sum of the error in it, W, and its rows."""
+
+
 def _by_load(
-    name: str,
+    mode: str,
     error: Floats,
-    torque: Floats,
-    velocity: Floats,
-    total: float,
+    load: Floats,
+    speed: Floats,
     loads: Sequence[float],
-    faster: Sequence[float],
-) -> list[Regime]:
-    speed, load, still = np.abs(velocity), np.abs(torque), faster[0]
-    modes = {
-        'driving': (torque * velocity > 0) & (speed >= still),
-        'braking': (torque * velocity <= 0) & (speed >= still),
-        'at rest': speed < still,
-    }
-    out = []
-    for mode, own in modes.items():
-        best: Regime | None = None
-        speeds = faster if mode != 'at rest' else (0.0, still)
-        borders = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
-        errors, counts = (
-            np.histogram2d(load[own], speed[own], bins=borders, weights=weights)[0]
-            for weights in (error[own], None)
+    speeds: Sequence[float],
+) -> Iterator[_Range]:
+    """Yield a mode such as driving in each rectangle of load and speed."""
+    borders = [np.array([*edges[:-1], np.inf]) for edges in (loads, speeds)]
+    tables = (np.histogram2d(load, speed, borders, weights=own)[0] for own in (error, None))
+    sums = [  # over all of lower load and speed, for any rectangle at once
+        np.pad(table.cumsum(0).cumsum(1), ((1, 0), (1, 0))) for table in tables
+    ]
+    ranges = (combinations(range(len(edges)), 2) for edges in (loads, speeds))
+    for (a, b), (c, d) in product(*ranges):
+        summed, rows = (
+            float(table[b, d] - table[a, d] - table[b, c] + table[a, c]) for table in sums
         )
-        sums = [  # over all of lower load and speed, for any rectangle at once
-            np.pad(table.cumsum(0).cumsum(1), ((1, 0), (1, 0))) for table in (errors, counts)
-        ]
-        ranges = (combinations(range(len(edge)), 2) for edge in (loads, speeds))
-        for (a, b), (c, d) in product(*ranges):
-            summed, rows = (
-                float(table[b, d] - table[a, d] - table[b, c] + table[a, c]) for table in sums
-            )
-            if rows < _LEAST_ROWS:
-                continue
-            share = summed**2 / rows / max(total, 1e-12)
-            if best is None or share > best.share:
-                bounds = {'torque': (loads[a], loads[b])}
-                words = [mode, _words(*bounds['torque'], 'N·m', loads)]
-                if mode != 'at rest':
-                    bounds['speed'] = speeds[c], speeds[d]
-                    words.append(_words(*bounds['speed'], 'rad/s', speeds))
-                told = tuple(word for word in words if word)
-                best = Regime(name, told, bounds, summed / rows, rows / _RATE, share)
-        if best is not None and best.share >= _LEAST_SHARE:
-            out.append(best)
-    return out
+        if rows >= _LEAST_ROWS:
+            bounds = {'torque': (loads[a], loads[b])}
+            words = [mode, _words(*bounds['torque'], 'N·m', loads)]
+            if mode != 'at rest':
+                bounds['speed'] = speeds[c], speeds[d]
+                words.append(_words(*bounds['speed'], 'rad/s', speeds))
+            yield tuple(filter(None, words)), bounds, summed, rows
 
 
-def _by_range(name: str, error: Floats, key: str, values: Floats, total: float) -> list[Regime]:
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)))
-    if len(edges) < 4:
-        return []
-    place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, len(edges) - 2)
-    sums = np.bincount(place, weights=error, minlength=len(edges) - 1)
-    rows = np.bincount(place, minlength=len(edges) - 1)
-    best: Regime | None = None
-    for a, b in combinations(range(len(edges)), 2):
-        count = float(rows[a:b].sum())
-        if b - a > (len(edges) - 1) // 2 or count < _LEAST_ROWS:
-            continue
-        mean = float(sums[a:b].sum()) / count
-        share = mean**2 * count / max(total, 1e-12)
-        if best is None or share > best.share:
-            low, high = float(edges[a]), float(edges[b])
+def _by_range(error: Floats, key: str, values: Floats) -> Iterator[_Range]:
+    """Yield ranges of a quantity that have at most half of the rows."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1))).tolist()
+    count = len(edges) - 1
+    if count < 3:
+        return
+    place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, count - 1)
+    sums, rows = (np.bincount(place, own, count) for own in (error, None))
+    for a, b in combinations(range(count + 1), 2):
+        if b - a <= count // 2 and rows[a:b].sum() >= _LEAST_ROWS:
+            low, high = edges[a], edges[b]
             words = f'{key} {digits(low)} to {digits(high)} {UNITS[key]}'
-            best = Regime(name, (words,), {key: (low, high)}, mean, count / _RATE, share)
-    return [best] if best is not None and best.share >= _LEAST_SHARE else []
+            yield (words,), {key: (low, high)}, float(sums[a:b].sum()), float(rows[a:b].sum())
 
 
-def _by_label(
-    name: str, error: Floats, key: str, words: NDArray[np.str_], total: float
-) -> list[Regime]:
-    out = []
-    kinds = [word for word in np.unique(words) if word]
+def _by_label(error: Floats, key: str, words: NDArray[np.str_]) -> Iterator[list[_Range]]:
+    kinds = [str(word) for word in np.unique(words) if word]
     for word in kinds if len(kinds) > 1 else []:
         own = error[words == word]
         if own.size >= _LEAST_ROWS:
-            mean = float(own.mean())
-            share = mean**2 * own.size / max(total, 1e-12)
-            if share >= _LEAST_SHARE:
-                text = str(word) if key == 'phase' else f'{key} {word}'
-                out.append(Regime(name, (text,), {}, mean, own.size / _RATE, share))
-    return out
+            text = word if key == 'phase' else f'{key} {word}'
+            yield [((text,), {}, float(own.sum()), own.size)]
 
 
 def _words(low: float, high: float, unit: str, edges: Sequence[float]) -> str:
