@@ -197,7 +197,7 @@ class Discoverer:
         time. A voltage that goes with it is a cause; a temperature rises in most recordings.
         """
         family = option.formula.family
-        if family.acts_on != 'power' or family.factor.code:
+        if family.acts_on != 'power' or family.factor.symbol:
             return _LEAST_OF_TIME
         drive = max(option.formula.places, key=lambda d: option.formula.places[d].gain)
         z = self.fitter.prepared.reduced(driver_values(family.driver, point.signals, drive))

@@ -54,6 +54,15 @@ LEARNED_FROM = {tuple(source)!r}
     return text
 
 
+_STATE = {
+    'other': "signals.names.index(place['other'])",
+    'standstill': 'float(signals.scale.standstill[column])',
+    'velocity': 'signals.motor_velocity[:, column]',
+    'torque': 'signals.torque[:, column]',
+    'rate': 'signals.rate',
+    'given': "place['given']",
+}
+"""Values that drivers and factors may read, by name."""
 _IGNORE = '  # type: ignore[no-untyped-def]'
 
 
@@ -77,18 +86,18 @@ def _class(one: Written) -> str:
     }
     flag_lines = ''.join(f'    {line}\n' for line, holds in flags.items() if holds)
     excited = ', '.join(f'{k}={v!r}' for k, v in one.excitation.items()).removeprefix('text=')
-    guard = other_line = memory_lines = ''
-    if driver.other:
-        guard = " or place['other'] not in signals.names"
-        other_line = "            other = signals.names.index(place['other'])\n"
-    if driver.memory:
-        memory_lines = "            rate = signals.rate\n            given = place['given']\n"
+    guard = " or place['other'] not in signals.names" if driver.other else ''
     arguments = ''.join(f", place['{name}']" for name in primitive.parameters)
-    factor = family.factor.code or '1.0'
+    factor = family.factor.code
+    nodes = ast.walk(ast.parse(f'{driver.code}, {factor}'))
+    used = {node.id for node in nodes if isinstance(node, ast.Name)}
+    state_lines = ''.join(
+        f'            {name} = {code}\n' for name, code in _STATE.items() if name in used
+    )
     product = f'[:, column, 0] = value * ({factor})'
     if terms > 1:
         product = f'[:, column] = value * np.asarray({factor})[..., None]'
-    text = f'''{table} = {{
+    return f'''{table} = {{
 {places}
 }}
 """Parameters by drive, SI units; drives that are not here do not have the effect."""
@@ -118,25 +127,8 @@ class {class_name}(Effect):
             place = {table}.get(drive)
             if place is None{guard}:
                 continue
-{other_line}            standstill = float(signals.scale.standstill[column])
-            velocity = signals.motor_velocity[:, column]
-            torque = signals.torque[:, column]
-{memory_lines}            z = {driver.code}
+{state_lines}            z = {driver.code}
             value = {primitive.of.__name__}(z{arguments})
             found{product}
         return found
 '''
-    return _without_unused(text)
-
-
-def _without_unused(text: str) -> str:
-    """Leave out the lines that set what the formula does not use."""
-    kept = text.split('\n')
-    for name in ('torque', 'velocity', 'standstill'):
-        uses = [line for line in kept if f'            {name} = ' not in line]
-        body = '\n'.join(uses[uses.index(next(x for x in uses if 'enumerate' in x)) :])
-        nodes = ast.walk(ast.parse('def f():\n' + body))
-        names = {node.id for node in nodes if isinstance(node, ast.Name)}
-        if name not in names:
-            kept = uses
-    return '\n'.join(kept)

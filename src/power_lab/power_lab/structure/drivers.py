@@ -1,6 +1,6 @@
 """Drivers that missing power may depend on, and the families of shapes over them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,21 +35,17 @@ class Factor:
     code: str
 
 
+_SIGN = 'smooth_sign(velocity, standstill)'
 FACTORS = {
-    one.name: one
-    for one in (
-        Factor('one', '', '', ''),
-        Factor('sign', 'sgn w', '', 'smooth_sign(velocity, standstill)'),
-        Factor('velocity', 'w', 'rad/s', 'velocity'),
-        Factor('speed', '|w|', 'rad/s', 'np.abs(velocity)'),
-        Factor('torque_size', '|torque|', 'N·m', 'np.abs(torque)'),
-        Factor('torque_square', 'torque²', '(N·m)²', 'np.square(torque)'),
-        Factor(
-            'load_sign',
-            '|torque|·sgn w',
-            'N·m',
-            'np.abs(torque) * smooth_sign(velocity, standstill)',
-        ),
+    name: Factor(name, symbol, unit, code)
+    for name, symbol, unit, code in (
+        ('one', '', '', '1.0'),
+        ('sign', 'sgn w', '', _SIGN),
+        ('velocity', 'w', 'rad/s', 'velocity'),
+        ('speed', '|w|', 'rad/s', 'np.abs(velocity)'),
+        ('torque_size', '|torque|', 'N·m', 'np.abs(torque)'),
+        ('torque_square', 'torque²', '(N·m)²', 'np.square(torque)'),
+        ('load_sign', '|torque|·sgn w', 'N·m', f'np.abs(torque) * {_SIGN}'),
     )
 }
 
@@ -76,15 +72,10 @@ class Family:
 def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
     """Values of the driver at each sample [T]; drive: index of its drive."""
     other = signals.names.index(driver.other) if driver.other else drive
-    return _values(driver.code, signals, drive, other=other, given=driver.given)
+    return evaluated(driver.code, signals, drive, other=other, given=driver.given)
 
 
-def factor_values(factor: Factor, signals: Signals, drive: int) -> Floats | float:
-    """Values of the factor [T] in its unit; 1.0 for the factor without code."""
-    return _values(factor.code, signals, drive) if factor.code else 1.0
-
-
-def _values(code: str, signals: Signals, drive: int, **more: object) -> Floats:
+def evaluated(code: str, signals: Signals, drive: int, **more: object) -> Floats:
     """Values [T] of a Python expression that the lines above it in an effect file give names."""
     scope = {
         'np': np,
@@ -108,8 +99,12 @@ def families(signals: Signals, drive: int) -> Iterator[Family]:
     yield from _of_others(signals, drive)
 
 
-def _family(driver: Driver, acts_on: Literal['torque', 'power'], factor: str = 'one') -> Family:
-    return Family(driver, FACTORS[factor], acts_on)
+def _on(driver: Driver, torque: str = '', power: str = '') -> Iterator[Family]:
+    """Yield families of a driver; torque, power: names of factors, by what they act on."""
+    for name in torque.split():
+        yield Family(driver, FACTORS[name], 'torque')
+    for name in power.split():
+        yield Family(driver, FACTORS[name], 'power')
 
 
 def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
@@ -121,42 +116,30 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
             place = f'np.mod({place}, 2.0 * np.pi)'
             places.append(Driver('angle', 'position', 'q within its turn', 'rad', place))
         for position in places:
-            yield _family(position, 'torque')
-            yield _family(position, 'torque', 'sign')
-            yield _family(position, 'torque', 'velocity')
-            yield _family(position, 'torque', 'load_sign')
-            yield _family(position, 'power')
+            yield from _on(position, torque='one sign velocity load_sign', power='one')
     for size in (False, True):
-        speed, torque, rate = (_signed_or_size(*quantity, size=size) for quantity in _SIGNED)
-        yield _family(speed, 'torque', 'sign' if size else 'one')
-        yield _family(speed, 'power')
-        yield _family(torque, 'power')
-        yield _family(torque, 'power', 'velocity')
-        yield _family(torque, 'power', 'torque_square')
-        yield _family(torque, 'torque', 'sign')
-        yield _family(rate, 'power' if size else 'torque')
+        speed, torque, rate = (
+            Driver(f'{kind}_size', kind, f'|{symbol}|', unit, f'np.abs({code})')
+            if size  # for shapes that are even in it
+            else Driver(kind, kind, symbol, unit, code)
+            for kind, symbol, unit, code in _SIGNED
+        )
+        yield from _on(speed, torque='sign' if size else 'one', power='one')
+        yield from _on(torque, power='one velocity torque_square')
+        yield from _on(torque, torque='sign')
+        yield from _on(rate, power='one') if size else _on(rate, torque='one')
     if float(np.ptp(signals.voltage[:, drive])) > 0.05:
         volts = Driver('voltage', 'voltage', 'V', 'V', 'signals.voltage[:, column]')
-        yield _family(volts, 'power')
-        yield _family(volts, 'power', 'torque_size')
-        yield _family(volts, 'power', 'speed')
+        yield from _on(volts, power='one torque_size speed')
     warmth = signals.temperature[:, drive]
     if np.isfinite(warmth).all() and float(np.ptp(warmth)) > 1.0:
         warm = Driver('temperature', 'temperature', 'T', '°C', 'signals.temperature[:, column]')
-        yield _family(warm, 'torque', 'sign')
-        yield _family(warm, 'torque', 'velocity')
-        yield _family(warm, 'power')
-        yield _family(warm, 'power', 'torque_square')
+        yield from _on(warm, torque='sign velocity', power='one torque_square')
 
 
 _AFTER_REST = (
-    (0.15, 0.0),
-    (0.5, 0.0),
-    (1.5, 0.0),
-    (5.0, 0.0),
-    (0.0, 0.05),
-    (0.0, 0.2),
-    (0.0, 0.8),
+    *((0.15, 0.0), (0.5, 0.0), (1.5, 0.0), (5.0, 0.0)),
+    *((0.0, 0.05), (0.0, 0.2), (0.0, 0.8)),
 )
 """Seconds, or else rad of travel, over which a rest is forgotten."""
 _SIGNED = (
@@ -166,21 +149,13 @@ _SIGNED = (
 )
 
 
-def _signed_or_size(kind: str, symbol: str, unit: str, code: str, *, size: bool) -> Driver:
-    """A quantity, or its magnitude for shapes that are even in it."""
-    if size:
-        return Driver(f'{kind}_size', kind, f'|{symbol}|', unit, f'np.abs({code})')
-    return Driver(kind, kind, symbol, unit, code)
-
-
 def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
     stroke = np.quantile(signals.position[:, drive], (0.05, 0.95))
     width = float(np.clip(stroke[1] - stroke[0], 1e-3, 2.0))
     for share in (0.02, 0.06, 0.2):
         code = 'by_stretch(signals, column, signals.position[:, column], play, *given)'
         lost = Driver('play', 'position', 'h', '', code, (share * width,), memory='play')
-        yield _family(lost, 'torque')
-        yield _family(lost, 'torque', 'sign')
+        yield from _on(lost, torque='one sign')
     still = np.abs(signals.velocity[:, drive]) < signals.scale.standstill[drive]
     if 0.02 < still.mean() < 0.98:
         for fades in _AFTER_REST:
@@ -189,28 +164,23 @@ def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
                 'rate, standstill, *given)'
             )
             rest = Driver('rest', 'speed', 'rest', '', code, fades, memory='rest')
-            yield _family(rest, 'torque', 'sign')
-            yield _family(rest, 'power')
+            yield from _on(rest, torque='sign', power='one')
     for seconds in (20.0, 90.0, 300.0):
         heat = 'np.square(signals.torque[:, column])'
         code = f'by_stretch(signals, column, {heat}, lagged, rate, *given)'
         warm = Driver('heat', 'temperature', 'heat', '(N·m)²', code, (seconds,), memory='lag')
-        yield _family(warm, 'torque', 'sign')
-        yield _family(warm, 'torque', 'velocity')
+        yield from _on(warm, torque='sign velocity')
 
 
 def _of_others(signals: Signals, drive: int) -> Iterator[Family]:
     for other, name in enumerate(signals.names):
-        if other == drive:
-            continue
-        for quantity, symbol, unit, code in _OTHERS:
-            yield _family(
-                Driver(quantity, 'other_drive', f'{symbol} of {name}', unit, code, other=name),
-                'power',
-            )
+        for quantity, symbol, unit, code in _OTHERS if other != drive else ():
+            words = f'{symbol} of {name}'
+            driver = Driver(quantity, 'other_drive', words, unit, code, other=name)
+            yield from _on(driver, power='one')
 
 
-_OTHERS: Sequence[tuple[str, str, str, str]] = (
+_OTHERS = (
     ('power_of', 'P', 'W', 'signals.drawn[:, other]'),
     ('speed_of', 'w', 'rad/s', 'signals.velocity[:, other]'),
     ('torque_of', 'torque', 'N·m', 'signals.torque[:, other]'),

@@ -15,7 +15,7 @@ from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.evidence import Evidence
 from wattwalk_core.arrays import Floats
 
-from power_lab.structure.drivers import Family, driver_values, factor_values
+from power_lab.structure.drivers import Family, driver_values, evaluated
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, F
 def weight_of(family: Family, point: Linearisation, drive: int) -> Floats:
     """Weight of a family's function, W per unit [T], at each sample of a drive."""
     signals = point.signals
-    weight = factor_values(family.factor, signals, drive) * np.ones(len(signals.time))
+    weight = evaluated(family.factor.code, signals, drive) * np.ones(len(signals.time))
     if family.acts_on == 'torque':  # what a torque on the motor costs, W/(N·m)
         weight = weight * (signals.motor_velocity[:, drive] + signals.torque_cost[:, drive])
     return weight
