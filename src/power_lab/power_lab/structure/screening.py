@@ -11,7 +11,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from wattwalk_core.arrays import Floats
 
 from power_lab.structure.drivers import Family, driver_values
-from power_lab.structure.shapes import DriveProblem, bend, hats, spread, weight_of
+from power_lab.structure.shapes import DriveProblem, bend, hats, places, spread, weight_of
 
 MOVES = 39
 """Residuals without a cause: the largest of 39 is exceeded by chance in 1 of 40."""
@@ -73,17 +73,17 @@ class DriverScreen:
 
     def screen(self, family: Family) -> DriverGain | None:
         """Held-out gains of one family; None where its driver hardly varies."""
-        driver = self._driver(family)
+        driver = driver_values(family.driver, self.point.signals, self.problem.drive)
+        if family.driver.name == 'angle':
+            driver = driver[self.prepared.reducer.centres()]
+        else:
+            driver = self.prepared.reduced(driver)
         z = driver[self.rows]
         nodes = spread(z, _NODES_OF_TURN if family.driver.name == 'angle' else _NODES)
         if nodes is None:
             return None
-        left, over = hats(z, nodes)
         weight = self._weight(family)[self.rows]
-        columns = np.zeros((len(z), len(nodes)))
-        index = np.arange(len(z))
-        columns[index, left] = weight * (1.0 - over)
-        columns[index, left + 1] += weight * over
+        columns = weight[:, None] * hats(places(z, nodes), np.arange(len(nodes)))
         targets = self._turned if self._repeats(driver) else self._moved
         gains = self._gains(columns, targets)
         return DriverGain(family, float(gains[0]), gains[1:])
@@ -98,12 +98,6 @@ class DriverScreen:
             return False
         alike = [float((values * np.roll(values, m, axis=0)).sum()) for m in self._moves]
         return sorted(alike)[-2] >= _REPEATS * square
-
-    def _driver(self, family: Family) -> Floats:
-        values = driver_values(family.driver, self.point.signals, self.problem.drive)
-        if family.driver.name == 'angle':
-            return values[self.prepared.reducer.centres()]
-        return self.prepared.reduced(values)
 
     def _weight(self, family: Family) -> Floats:
         key = (family.factor.name, family.acts_on)
@@ -155,18 +149,16 @@ class DriverScreen:
             (targets.train, targets.test), self._sums(columns, beside), strict=True
         ):
             cross = own[:, :, k : k + m]
-            above = np.concatenate([base[:, :, :m], cross.swapaxes(1, 2)], axis=2)
-            below = np.concatenate([cross, own[:, :, :k]], axis=2)
-            grams.append(np.concatenate([above, below], axis=1))
+            above = [base[:, :, :m], cross.swapaxes(1, 2)]
+            grams.append(np.block([above, [cross, own[:, :, :k]]]))
             rights.append(np.concatenate([base[:, :, m:], own[:, :, k + m :]], axis=1))
         (train, test), (right_train, right_test) = grams, rights
-        curved = bend(k)
         unit = max(float(np.trace(train[:, m:, m:].mean(axis=0))) / k, 1e-12)
         best = np.full(right_test.shape[2], -np.inf)
         for smoothing in _SMOOTHING:
             matrix = train.copy()
             matrix[:, :m, :m] += np.diag(self._ridge)
-            matrix[:, m:, m:] += unit * (smoothing * curved + 1e-6 * np.eye(k))
+            matrix[:, m:, m:] += unit * (smoothing * bend(k) + 1e-6 * np.eye(k))
             error = _error(test, right_test, _solved(matrix, right_train))
             best = np.maximum(best, targets.start - error)
         return best / len(self.rows)
@@ -193,9 +185,9 @@ def promising(screened: Sequence[Sequence[DriverGain]]) -> set[tuple[str, ...]]:
     pooled: dict[tuple[str, ...], float] = defaultdict(float)
     wanted: set[tuple[str, ...]] = set()
     for own in screened:
-        best: dict[tuple[str, ...], float] = {}
+        best: dict[tuple[str, ...], float] = defaultdict(float)
         for one in own:
-            best[one.family.group] = max(best.get(one.family.group, 0.0), one.gain)
+            best[one.family.group] = max(best[one.family.group], one.gain)
         for group, gain in best.items():
             pooled[group] += gain
         wanted.update(sorted(best, key=lambda g: -best[g])[:LEARNED_ON_ONE])

@@ -177,12 +177,14 @@ class LearnedShape:
         return self.by_fold[-1, -len(self.nodes) :]
 
 
-def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Index of the node left of each value [T], and distance from it in node spacings [T]."""
-    place = (values - nodes[0]) / (nodes[1] - nodes[0])
-    place = np.clip(place, 0.0, len(nodes) - 1.000001)
-    left = place.astype(np.intp)
-    return left, place - left
+def places(values: Floats, nodes: Floats) -> Floats:
+    """Places of values among evenly spaced nodes, 0 at the first, in node spacings [T]."""
+    return np.clip((values - nodes[0]) / (nodes[1] - nodes[0]), 0.0, len(nodes) - 1.000001)
+
+
+def hats(place: Floats, nodes: NDArray[np.intp]) -> Floats:
+    """Triangles [T, n] that are 1 at a node and 0 from the next on; nodes: their numbers [n]."""
+    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - nodes))
 
 
 def spread(values: Floats, count: int = NODES) -> Floats | None:
@@ -222,34 +224,21 @@ def learn(
     nodes = spread(z, count)
     if nodes is None:
         return None
-    left, over = hats(z, nodes)
-    share = np.bincount(left, minlength=count) / len(z)
-    columns = _reduced_hats(left, over, weight, count, prepared)
-    moments = problem.moments(columns)
-    curved, own = bend(count), moments.gram[-1][-count:, -count:]
-    unit = float(np.trace(own)) / count
+    place = places(z, nodes)
+    share = np.bincount(place.astype(np.intp), minlength=count) / len(z)
+    parts = [  # a few columns at a time, to spare memory
+        prepared.reduced(hats(place, own) * weight[:, None])
+        for own in np.array_split(np.arange(count), -(-count // _AT_ONCE))
+    ]
+    moments = problem.moments(np.concatenate(parts, axis=1))
+    unit = float(np.trace(moments.gram[-1][-count:, -count:])) / count
     if unit <= 0.0:
         return None
     solved = [
-        problem.solve(moments, smoothing * unit * curved + 1e-6 * unit * np.eye(count))
+        problem.solve(moments, unit * smoothing * bend(count) + 1e-6 * unit * np.eye(count))
         for smoothing in _SMOOTHING
     ]
     errors = [float(moments.error(own[:-1]).sum()) for own in solved]
     best = min(range(len(errors)), key=errors.__getitem__)
     gain = problem.base_error - errors[best] / moments.rows
     return LearnedShape(family, nodes, share, solved[best], moments, gain)
-
-
-def _reduced_hats(
-    left: NDArray[np.intp], over: Floats, weight: Floats, count: int, prepared: Prepared
-) -> Floats:
-    """Reduced columns [N, count] of hats times a weight [T], a few at a time to spare memory."""
-    parts = []
-    for start in range(0, count, _AT_ONCE):
-        width = min(_AT_ONCE, count - start)
-        columns = np.zeros((len(left), width))
-        for place, share in ((left, 1.0 - over), (left + 1, over)):
-            rows = np.flatnonzero((place >= start) & (place < start + width))
-            columns[rows, place[rows] - start] += weight[rows] * share[rows]
-        parts.append(prepared.reduced(columns))
-    return np.concatenate(parts, axis=1)
