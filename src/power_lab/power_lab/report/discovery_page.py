@@ -16,23 +16,21 @@ from power_lab.structure.shapes import LearnedShape
 
 def write_discovery(path: Path, outcome: DiscoveryOutcome) -> None:
     """Write the HTML page of a discovery."""
-    found = outcome.discovery.found
     prepared = outcome.own.prepared
     title = 'Discovered' if outcome.written else 'Nothing of the drives'
     page = Page(f'{title}: {outcome.model.name}')
     page.add(f'<p class="kind {"named" if outcome.written else "no_evidence"}">{title}</p>')
     page.add(f'<h1 id="verdict">{escape(outcome.sentence)}</h1>')
-    page.facts(
-        {
-            'Model': outcome.model.name,
-            'Active effects': ', '.join(outcome.model.effects) or 'none',
-            'Learned from': ', '.join(entry['name'] for entry in outcome.loaded.identities),
-            'Tested on': ', '.join(outcome.tested_on) or 'no other recording',
-            'Drives': ', '.join(prepared.names),
-            'Length': f'{prepared.seconds:.0f} s without gaps',
-        }
-    )
-    for one, transfer in zip(found, outcome.transfers, strict=True):
+    facts = {
+        'Model': outcome.model.name,
+        'Active effects': ', '.join(outcome.model.effects) or 'none',
+        'Learned from': ', '.join(entry['name'] for entry in outcome.loaded.identities),
+        'Tested on': ', '.join(outcome.tested_on) or 'no other recording',
+        'Drives': ', '.join(prepared.names),
+        'Length': f'{prepared.seconds:.0f} s without gaps',
+    }
+    page.facts(facts)
+    for one, transfer in zip(outcome.discovery.found, outcome.transfers, strict=True):
         page.heading(one.name.replace('_', ' '))
         page.text(outcome.told(one, transfer))
         _section_shapes(page, outcome, one)
@@ -64,11 +62,8 @@ def formula_over_shape(one: Found, drive: int) -> tuple[Floats, tuple[str, str]]
     drawn = drawn - float((drawn - shape.values) @ shape.share / shape.share.sum())
     driver, factor = shape.family.driver, formula.family.factor.symbol
     unit = {'torque': 'N·m on the motor', 'power': 'W'}[formula.family.acts_on]
-    axes = (
-        f'{driver.symbol} in {driver.unit}' if driver.unit else driver.symbol,
-        unit + (f' per {factor}' if factor else ''),
-    )
-    return drawn, axes
+    across = f'{driver.symbol} in {driver.unit}' if driver.unit else driver.symbol
+    return drawn, (across, f'{unit} per {factor}' if factor else unit)
 
 
 def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
@@ -84,28 +79,16 @@ def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
         text = f'<p>{escape(formula.text(drive))}</p>'
         panels[names[drive]] = text + page.figure(figure, f'Shape on {names[drive]}')
     page.tabs(panels)
-    rows = [
-        [
-            names[drive],
-            formula.text(drive),
-            ', '.join(
-                f'{value:.3g} ({low:.3g} … {high:.3g}) {formula.unit}'
-                for value, (low, high) in zip(
-                    values, (one.coefficient_intervals or {})[drive], strict=True
-                )
-            ),
-            f'{np.sqrt(max(one.gain[drive], 0.0)):.2f} W',
-        ]
-        for drive, values in one.coefficients.items()
-    ]
+    rows = []
+    for drive, values in one.coefficients.items():
+        each = zip(values, (one.coefficient_intervals or {})[drive], strict=True)
+        told = [f'{v:.3g} ({low:.3g} … {high:.3g}) {formula.unit}' for v, (low, high) in each]
+        watts = f'{np.sqrt(max(one.gain[drive], 0.0)):.2f} W'
+        rows.append([names[drive], formula.text(drive), ', '.join(told), watts])
     page.table(['drive', 'formula', 'coefficient (95 %)', 'explains'], rows, numbers=(3,))
     if one.rivals:
-        page.text(
-            'Other explanations leave more: '
-            + '; '.join(f'{text} ({watts:.2f} W more)' for text, watts in one.rivals)
-            + '.',
-            faint=True,
-        )
+        others = '; '.join(f'{text} ({watts:.2f} W more)' for text, watts in one.rivals)
+        page.text(f'Other explanations leave more: {others}.', faint=True)
 
 
 def standard_error(shape: LearnedShape) -> Floats:
@@ -142,12 +125,9 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
     for column, name in enumerate(transfer.drives):
         without, with_ = (values[:, column] for values in transfer.residuals)
         known = np.isfinite(without) & np.isfinite(with_)
-        figure = figures.traces(
-            transfer.time[known],
-            transfer.measured[known, column],
-            {'without': without[known], 'with it': with_[known]},
-            0.15,
-        )
+        errors = {'without': without[known], 'with it': with_[known]}
+        time, measured = transfer.time[known], transfer.measured[known, column]
+        figure = figures.traces(time, measured, errors, 0.15)
         panels[name] = page.figure(figure, f'{name} on another recording', size='tall')
     page.tabs(panels)
 
@@ -155,10 +135,9 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
 def _section_errors(page: Page, outcome: DiscoveryOutcome) -> None:
     discovery, names = outcome.discovery, outcome.own.prepared.names
     page.heading('Error on held-out data of the same recording')
-    figure = before_and_after(
-        names,
-        *([j.drives[name].rmse_w for name in names] for j in (outcome.before, outcome.after)),
-    )
+    judged = outcome.before, outcome.after
+    errors = ([one.drives[name].rmse_w for name in names] for one in judged)
+    figure = before_and_after(names, *errors)
     page.add(page.figure(figure, 'Held-out error', size='low'))
     if discovery.nothing:
         page.text(f'After that: {discovery.nothing}.', faint=True)
@@ -172,39 +151,21 @@ def shape_and_formula(learned: LearnedShape, formula: Floats, axes: tuple[str, s
 
     formula: values at the shape's nodes [K]; axes: their titles.
     """
-    figure = go.Figure()
     nodes, shape, share = learned.nodes, learned.values, learned.share
     band = 2 * standard_error(learned)
     bars = share / max(float(share.max()), 1e-12)
     low = float(min((shape - band).min(), formula.min()))
     high = float(max((shape + band).max(), formula.max()))
     room = max(high - low, 1e-9)
-    figure.add_trace(
-        go.Bar(
-            x=short(nodes),
-            y=short(0.15 * room * bars),
-            base=low - 0.2 * room,
-            name='samples',
-            marker={'color': COLORS['grid']},
-            hoverinfo='skip',
-        )
-    )
-    edge = np.concatenate([shape + band, (shape - band)[::-1]])
-    figure.add_trace(
-        go.Scatter(
-            x=short(np.concatenate([nodes, nodes[::-1]])),
-            y=short(edge),
-            fill='toself',
-            fillcolor=_BAND,
-            line={'width': 0},
-            name='two standard errors',
-            hoverinfo='skip',
-        )
-    )
-    for name, values, color in (
-        ('learned shape', shape, COLORS['base']),
-        ('formula', formula, COLORS['better']),
-    ):
+    looks = {'name': 'samples', 'marker': {'color': COLORS['grid']}, 'hoverinfo': 'skip'}
+    height = short(0.15 * room * bars)
+    figure = go.Figure(go.Bar(x=short(nodes), y=height, base=low - 0.2 * room, **looks))
+    there_and_back = short(np.concatenate([nodes, nodes[::-1]]))
+    edge = short(np.concatenate([shape + band, (shape - band)[::-1]]))
+    filled = {'fill': 'toself', 'fillcolor': _BAND, 'line': {'width': 0}, 'hoverinfo': 'skip'}
+    figure.add_trace(go.Scatter(x=there_and_back, y=edge, name='two standard errors', **filled))
+    lines = ('learned shape', shape, COLORS['base']), ('formula', formula, COLORS['better'])
+    for name, values, color in lines:
         figure.add_trace(figures.line(nodes, values, name, color, '%{x}: %{y}', width=2.2))
     figure.update_layout(bargap=0.0)
     figure.update_xaxes(title_text=axes[0])
@@ -228,11 +189,9 @@ def before_and_after(
 ) -> Figure:
     """Bars of the rms error of each drive without and with the effect, W."""
     figure = go.Figure()
-    for name, values, color in (
-        ('without', before, COLORS['base']),
-        ('with', after, COLORS['better']),
-    ):
-        figure.add_trace(figures.told_bars(drives, values, name=name, marker={'color': color}))
+    for name, values, color in (('without', before, 'base'), ('with', after, 'better')):
+        looks = {'name': name, 'marker': {'color': COLORS[color]}}
+        figure.add_trace(figures.told_bars(drives, values, **looks))
     top = max([*before, *after, 1e-9])
     figure.update_yaxes(title_text='RMS error in W', range=[0.0, 1.18 * top])
     figure.update_layout(barmode='group')

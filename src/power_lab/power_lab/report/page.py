@@ -38,17 +38,15 @@ def write_diagnosis(
     page.add(f'<h1 id="verdict">{escape(outcome.sentence)}</h1>')
     for note in outcome.notes:
         page.text(note)
-    page.facts(
-        {
-            'Model': outcome.model.name
-            + (f' on {outcome.model.base}' if outcome.model.base else ''),
-            'Active effects': ', '.join(map(in_words, outcome.model.effects)) or 'none',
-            'Recordings': ', '.join(entry['name'] for entry in outcome.loaded.identities),
-            'Drives': ', '.join(prepared.names),
-            'Length': f'{prepared.seconds:.0f} of {outcome.seconds:.0f} s without gaps',
-        }
-    )
-    judged = outcome.judged
+    model, judged = outcome.model, outcome.judged
+    facts = {
+        'Model': f'{model.name} on {model.base}' if model.base else model.name,
+        'Active effects': ', '.join(map(in_words, model.effects)) or 'none',
+        'Recordings': ', '.join(entry['name'] for entry in outcome.loaded.identities),
+        'Drives': ', '.join(prepared.names),
+        'Length': f'{prepared.seconds:.0f} of {outcome.seconds:.0f} s without gaps',
+    }
+    page.facts(facts)
     shown = [judged.before] if judged.after is judged.before else [judged.before, judged.after]
     _section_traces(page, judged.comparison.prepared, shown)
     _section_failures(page, judged.comparison, shown, judged.comparison.regimes[0])
@@ -69,13 +67,12 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     page.add('<p class="kind no_evidence">Comparison</p>')
     page.add(f'<h1 id="verdict">{escape(closest(models))}</h1>')
     prepared = comparison.prepared
-    page.facts(
-        {
-            'Recordings': ', '.join(prepared.recordings),
-            'Drives': ', '.join(prepared.names),
-            'Length': prepared.extent + ('' if prepared.steady else ' without gaps'),
-        }
-    )
+    facts = {
+        'Recordings': ', '.join(prepared.recordings),
+        'Drives': ', '.join(prepared.names),
+        'Length': prepared.extent + ('' if prepared.steady else ' without gaps'),
+    }
+    page.facts(facts)
     rows = []
     for model in models:
         heads = model['name'], model['held_out']
@@ -84,16 +81,13 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
             rows.append([heads[0], drive, *cells, heads[1]])
             heads = '', ''
     page.heading('Errors')
-    page.table(
-        ['model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'kept apart by'],
-        rows,
-        numbers=(2, 3, 4, 5),
-    )
-    by_name = {one.name: one for one in comparison.models}
-    best_last = [by_name[model['name']] for model in models[: len(figures.LINES)]][::-1]
-    _section_traces(page, prepared, best_last)
-    of_best = [one.name for one in comparison.models].index(best_last[-1].name)
-    _section_failures(page, comparison, best_last, comparison.regimes[of_best])
+    columns = ['model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'kept apart by']
+    page.table(columns, rows, numbers=(2, 3, 4, 5))
+    names = [one.name for one in comparison.models]
+    best_last = [names.index(model['name']) for model in models[: len(figures.LINES)]][::-1]
+    shown = [comparison.models[index] for index in best_last]
+    _section_traces(page, prepared, shown)
+    _section_failures(page, comparison, shown, comparison.regimes[best_last[-1]])
     steps = tuple(model['name'] for model in reversed(models))
     errors = tuple(map(_error, reversed(models)))
     figure = Stairs(steps, errors, noise_w(prepared.noise)).figure()
@@ -105,16 +99,10 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
 def _section_traces(page: Page, prepared: Prepared, shown: Sequence[JudgedModel]) -> None:
     """Measured power and the estimates of some models, the last one's delay taken out."""
     page.heading('Measured against model')
-    page.text(
-        (
-            'Operating points, the least power first'
-            if prepared.steady
-            else 'At most twelve seconds without a gap in which the model is worst'
-        )
-        + '. Drag to zoom, double-click to go back. The grey band of the error is '
-        "the meter's noise.",
-        faint=True,
-    )
+    seconds = 'At most twelve seconds without a gap in which the model is worst'
+    part = 'Operating points, the least power first' if prepared.steady else seconds
+    band = "The grey band of the error is the meter's noise."
+    page.text(f'{part}. Drag to zoom, double-click to go back. {band}', faint=True)
     panels = {}
     for column in _worst_first(shown[0].residual):
         name, power = prepared.names[column], shown[-1].measured[:, column]
@@ -144,91 +132,65 @@ def _section_failures(
     page.heading('Where it fails')
     if regimes:
         _items(page, (regime.text for regime in regimes))
-    legend = ', '.join(
-        f'{color}: {one.name}' for color, one in zip(_COLOR_NAMES, shown, strict=False)
-    )
-    page.text(
-        'Mean error (model − measured) over the state of each drive; the map is of '
-        f'{shown[0].name}. Lines and bars: {legend}.',
-        faint=True,
-    )
-    panels = {}
-    prepared, state = found.prepared, found.state
+    named = zip(_COLOR_NAMES, shown, strict=False)
+    legend = ', '.join(f'{color}: {one.name}' for color, one in named)
+    text = 'Mean error (model − measured) over the state of each drive; the map is of '
+    page.text(f'{text}{shown[0].name}. Lines and bars: {legend}.', faint=True)
+    panels, prepared = {}, found.prepared
     residuals = {one.name: by_drive(one.residual, prepared) for one in shown}
     measured = by_drive(shown[-1].measured, prepared)
     for column in _worst_first(residuals[shown[0].name]):
         name = prepared.signals.names[column]
         own = {key: values[:, column] for key, values in residuals.items()}
-        first = next(iter(own.values()))
+        state = {key: values[:, column] for key, values in found.state.items()}
+        first = own[shown[0].name]
         limit = max(0.2, float(np.nanquantile(np.abs(first), 0.97)))
-        places = [
-            page.figure(
-                figures.torque_speed_map(
-                    state['torque'][:, column], state['velocity'][:, column], first, limit
-                ),
-                f'Error of {name} over torque and speed',
-            )
-        ]
+        figure = figures.torque_speed_map(state['torque'], state['velocity'], first, limit)
+        places = [page.figure(figure, f'Error of {name} over torque and speed')]
         for key in ('acceleration', 'position', 'time', 'temperature'):
-            values = state.get(key)
-            if values is None or not np.isfinite(values[:, column]).all():
-                continue
-            figure = figures.error_over(key, values[:, column], own)
-            if figure is not None:
-                places.append(page.figure(figure, f'Error of {name} over {key}', size='low'))
+            values = state.get(key, np.array([np.nan]))
+            over = figures.error_over(key, values, own) if np.isfinite(values).all() else None
+            if over is not None:
+                places.append(page.figure(over, f'Error of {name} over {key}', size='low'))
         power = measured[:, column]
         groups = {'drawing': power >= 0, 'giving back': power < 0}
         for words in found.labels.values():
             kinds = [kind for kind in np.unique(words[:, column]) if kind]
             if len(kinds) > 1:
                 groups.update({str(kind): words[:, column] == kind for kind in kinds})
-        places.append(
-            page.figure(figures.error_by(groups, own), f'Error of {name} by group', size='low')
-        )
+        figure = figures.error_by(groups, own)
+        places.append(page.figure(figure, f'Error of {name} by group', size='low'))
         panels[name] = f'<div class="pair">{"".join(places)}</div>'
     page.tabs(panels)
 
 
 def _section_candidates(page: Page, outcome: Outcome) -> None:
     page.heading('Which effect explains it')
-    diagnosis = outcome.diagnosis
-    rows = diagnosis.candidates
+    diagnosis, found = outcome.diagnosis, outcome.diagnosis.candidates
     page.text(
         'Watts that each effect explains and no effect of the model can, with the probability '
         'that it is missing. Coloured bars are plausible; grey ones are improbable. Share: of '
         'what the model misses, where the effect is added alone.'
     )
-    shown = rows[:10]
-    page.add(
-        page.figure(
-            figures.candidates(
-                [in_words(row.name) for row in shown],
-                [row.explains[1] for row in shown],
-                [row.probability >= UNLIKELY for row in shown],
-            ),
-            'Candidates',
-        )
-    )
-    page.table(
+    shown = found[:10]
+    names, watts = [in_words(one.name) for one in shown], [one.explains[1] for one in shown]
+    plausible = [one.probability >= UNLIKELY for one in shown]
+    page.add(page.figure(figures.candidates(names, watts, plausible), 'Candidates'))
+    columns = ['effect', 'probability', 'explains', '95 % interval', 'share', 'error falls by']
+    rows = [
         [
-            *('effect', 'probability', 'explains', '95 % interval', 'share', 'error falls by'),
-            'coefficient (95 %)',
-        ],
-        [
-            [
-                in_words(row.name),
-                certainty(row.probability),
-                f'{row.explains[1]:.2f} W',
-                f'{row.explains[0]:.2f} … {row.explains[2]:.2f} W',
-                f'{row.share:.0%}',
-                f'{row.delta_rmse_w:.3f} W',
-                f'{row.drive}: {row.in_words}',
-            ]
-            for row in rows
-        ],
-        numbers=(1, 2, 4, 5),
-        bold=[i for i, row in enumerate(rows) if row.name in diagnosis.effects],
-    )
+            in_words(one.name),
+            certainty(one.probability),
+            f'{one.explains[1]:.2f} W',
+            f'{one.explains[0]:.2f} … {one.explains[2]:.2f} W',
+            f'{one.share:.0%}',
+            f'{one.delta_rmse_w:.3f} W',
+            f'{one.drive}: {one.in_words}',
+        ]
+        for one in found
+    ]
+    bold = [i for i, one in enumerate(found) if one.name in diagnosis.effects]
+    page.table([*columns, 'coefficient (95 %)'], rows, numbers=(1, 2, 4, 5), bold=bold)
     regimes = outcome.judged.comparison.regimes[-1]
     if regimes and diagnosis.residual is not None:
         page.text(f'What is left is most at {regimes[0].text}.')
@@ -245,10 +207,8 @@ def _section_next(page: Page, outcome: Outcome) -> None:
     motion = outcome.motion
     page.text(f'Next, record {motion.seconds:.0f} s {motion.reason}.')
     text = yaml.safe_dump(motion.content(), sort_keys=False, allow_unicode=True, width=90)
-    page.add(
-        f'<details><summary>the motion as a file (diagnose … --motion next.yaml)</summary>'
-        f'<pre>{escape(text)}</pre></details>'
-    )
+    summary = '<summary>the motion as a file (diagnose … --motion next.yaml)</summary>'
+    page.add(f'<details>{summary}<pre>{escape(text)}</pre></details>')
 
 
 def _section_staircase(page: Page, outcome: Outcome, others: Sequence[Mapping[str, Any]]) -> None:
@@ -264,17 +224,12 @@ def _section_staircase(page: Page, outcome: Outcome, others: Sequence[Mapping[st
     if high:
         page.text(f'Above the picture: {", ".join(high)}.')
     if judged.before is not judged.model:
-        page.text(
-            f'{judged.model.name} as it is, on recordings that it was not fitted on: '
-            f'{judged.model.rms_w:.2f} W.'
-        )
-    added = outcome.diagnosis.effects
+        how = 'as it is, on recordings that it was not fitted on'
+        page.text(f'{judged.model.name} {how}: {judged.model.rms_w:.2f} W.')
     if outcome.verdict == 'named':
-        page.text(
-            'To keep it: ros2 run power_lab add '
-            f'{" ".join(added)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
-            faint=True,
-        )
+        added = f'{" ".join(outcome.diagnosis.effects)} --to {outcome.model.name}.yaml'
+        command = f'ros2 run power_lab add {added} --bag … -o better.yaml'
+        page.text(f'To keep it: {command}', faint=True)
 
 
 def _section_measurement(page: Page, outcome: Outcome) -> None:
@@ -283,22 +238,20 @@ def _section_measurement(page: Page, outcome: Outcome) -> None:
         'Errors of the meter and the sensors are part of every fit, so that they are not taken '
         'for physics. One is significant if it is certain, and the error grows by ignoring it.'
     )
-    page.table(
-        ['error', 'value', '95 % interval', 'error if ignored', 'of drive', 'significant'],
+    columns = ['error', 'value', '95 % interval', 'error if ignored', 'of drive', 'significant']
+    rows = [
         [
-            [
-                name.replace('_', ' '),
-                f'{term.value:.3g} {SENSORS[name].unit if SENSORS[name].unit != "1" else ""}',
-                f'{term.interval[0]:.3g} … {term.interval[1]:.3g}',
-                f'{term.watts:.2f} W',
-                term.drive,
-                'yes' if term.matters else 'no',
-            ]
-            for name, term in outcome.measurement.items()
-        ],
-        numbers=(3,),
-        bold=[i for i, term in enumerate(outcome.measurement.values()) if term.matters],
-    )
+            name.replace('_', ' '),
+            f'{term.value:.3g} {SENSORS[name].unit if SENSORS[name].unit != "1" else ""}',
+            f'{term.interval[0]:.3g} … {term.interval[1]:.3g}',
+            f'{term.watts:.2f} W',
+            term.drive,
+            'yes' if term.matters else 'no',
+        ]
+        for name, term in outcome.measurement.items()
+    ]
+    bold = [i for i, term in enumerate(outcome.measurement.values()) if term.matters]
+    page.table(columns, rows, numbers=(3,), bold=bold)
 
 
 def _section_reading(page: Page) -> None:

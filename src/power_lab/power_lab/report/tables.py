@@ -28,6 +28,7 @@ _AT_END = (
 _ABREAST = 4  # drives whose values fit beside each other
 _AT_BOUND = '* at the bound that the catalogue sets, not at a value that the recording gives'
 _FittedRow = tuple[str, str, list[FittedValue]]  # label, unit, values by group
+_DIGITS = {'r2': 3, 'rmse_w': 2, 'bias_w': 2, 'error_j': 0, 'energy_j': 0}
 _VERDICT_STYLE = {
     'named': 'bold green',
     'ambiguous': 'bold yellow',
@@ -41,22 +42,16 @@ def print_model(console: Console, model: EffectModel) -> None:
     console.print(f'active effects: {", ".join(model.effects)}')
     if model.base:
         console.print(f'on top of {model.base}')
-    coefficients = [
-        (
-            f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else ''),
-            term.unit,
-            [group.coefficients[active.name][index] for group in model.groups],
-        )
-        for active in model.structure.free
-        for shape in (', '.join(f'{k} {v:g}' for k, v in active.shape),)
-        for index, term in enumerate(active.effect.terms)
-    ]
+    coefficients: list[_FittedRow] = []
+    for active in model.structure.free:
+        shape = ', '.join(f'{k} {v:g}' for k, v in active.shape)
+        for index, term in enumerate(active.effect.terms):
+            label = f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else '')
+            values = [group.coefficients[active.name][index] for group in model.groups]
+            coefficients.append((label, term.unit, values))
+    known = builtin_catalogue()
     errors = [
-        (
-            name,
-            builtin_catalogue()[name].terms[0].unit,
-            [group.measurement[name] for group in model.groups],
-        )
+        (name, known[name].terms[0].unit, [group.measurement[name] for group in model.groups])
         for name in (model.groups[0].measurement if model.groups else ())
     ]
     groups = [group.type.name for group in model.groups]
@@ -104,16 +99,12 @@ def print_comparison(console: Console, content: dict[str, Any]) -> None:
     for model in content['models']:
         rows = [*model['drives'].items(), ('total', model['total'])]
         for index, (drive, scores) in enumerate(rows):
-            table.add_row(
-                f'{model["name"]} ({model["held_out"]})' if index == 0 else '',
-                drive,
-                _number(scores['r2'], 3),
-                _number(scores['rmse_w'], 2),
-                _number(scores['bias_w'], 2),
-                _number(scores['error_j'], 0),
-                _number(scores['energy_j'], 0),
-                end_section=index == len(rows) - 1,
+            name = '' if index else f'{model["name"]} ({model["held_out"]})'
+            cells = (
+                '–' if scores[key] is None else f'{scores[key]:.{digits}f}'
+                for key, digits in _DIGITS.items()
             )
+            table.add_row(name, drive, *cells, end_section=index == len(rows) - 1)
     console.print(table)
     for model in content['models']:
         if model['effects']:
@@ -123,13 +114,11 @@ def print_comparison(console: Console, content: dict[str, Any]) -> None:
         if model['regimes']:
             console.print(f'{model["name"]} fails most at')
         for regime in model['regimes'][:3]:
-            console.print(f'  {regime["text"]} ({_extent(regime["rows"], content)})')
+            rows, points = regime['rows'], content['operating_points']
+            extent = f'{rows} points' if points else f'{rows / REDUCED_RATE:.0f} s'
+            console.print(f'  {regime["text"]} ({extent})')
     for both in content['both_sides'].values():
         console.print('\n'.join(both['text']))
-
-
-def _extent(rows: int, content: dict[str, Any]) -> str:
-    return f'{rows} points' if content['operating_points'] else f'{rows / REDUCED_RATE:.0f} s'
 
 
 def print_outcome(console: Console, outcome: Outcome) -> None:
@@ -148,15 +137,9 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     shown = candidates_to_show(outcome.diagnosis)
     for one in shown:
         low, middle, high = one.explains
-        table.add_row(
-            one.name,
-            certainty(one.probability),
-            f'{middle:.3f}',
-            f'{low:.2g} … {high:.2g}',
-            f'{one.share:.0%}',
-            f'{one.delta_rmse_w:.3f}',
-            f'{one.drive}: {one.in_words}',
-        )
+        watts = f'{middle:.3f}', f'{low:.2g} … {high:.2g}'
+        alone = f'{one.share:.0%}', f'{one.delta_rmse_w:.3f}', f'{one.drive}: {one.in_words}'
+        table.add_row(one.name, certainty(one.probability), *watts, *alone)
     console.print(table)
     if more := len(outcome.diagnosis.candidates) - len(shown):
         console.print(f'and {more} less probable; all are in --json and --report')
@@ -164,14 +147,10 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     texts = ('value', '95 % interval', 'significant')
     terms = ruled_table(title, ('error', 'W', *texts), ('error', *texts))
     for name, term in content['measurement'].items():
-        low, high = term['interval']
-        terms.add_row(
-            name,
-            f'{term["watts"]:.2f}',
-            f'{term["value"]:.3g} {_unit(term["unit"])}',
-            f'{low:.3g} … {high:.3g} ({term["drive"]})',
-            'yes' if term['matters'] else '',
-        )
+        value = f'{term["value"]:.3g} {"" if term["unit"] == "1" else term["unit"]}'
+        interval = '{:.3g} … {:.3g} ({})'.format(*term['interval'], term['drive'])
+        matters = 'yes' if term['matters'] else ''
+        terms.add_row(name, f'{term["watts"]:.2f}', value, interval, matters)
     console.print(terms)
     for regime in outcome.judged.comparison.regimes[0][:3]:
         console.print(f'the model fails at {regime.text}')
@@ -182,14 +161,6 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
 def _mark(one: FittedValue) -> str:
     low, high = one.interval
     return '*' if one.at_bound else '~' if low < high and one.value in (low, high) else ''
-
-
-def _unit(unit: str) -> str:
-    return '' if unit == '1' else unit
-
-
-def _number(value: float | None, digits: int) -> str:
-    return '–' if value is None else f'{value:.{digits}f}'
 
 
 def print_discovery(console: Console, outcome: DiscoveryOutcome) -> None:
