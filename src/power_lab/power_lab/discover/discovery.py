@@ -94,9 +94,8 @@ class Discoverer:
         named: list[Named] = []
         of_first, nothing = 1.0, ''
         while len(found) < MOST_EFFECTS:
-            first = not found
-            one, why, likely = self._next(best, floor, found, len(found))
-            if first:
+            one, why, likely = self._next(best, floor, found)
+            if not found:
                 of_first = likely
             if one is None:
                 nothing = why
@@ -146,18 +145,21 @@ class Discoverer:
         )
 
     def _next(
-        self, best: Evidence, floor: Floats, found: Sequence[Found], number: int
+        self, best: Evidence, floor: Floats, found: Sequence[Found]
     ) -> tuple[Found | Named | None, str, float]:
-        fitter = self.fitter
+        fitter, prepared, number = self.fitter, self.fitter.prepared, len(found) + 1
         residual = self.examiner.residual(best)
         drives = problems(fitter, best, self.examiner.folds, residual)
         point = fitter.builder.point(best.fit.structure, best.fit.coefficients)
-        prepared = fitter.prepared
         courses_tried = (in_time(one, prepared.time, prepared.recording) for one in drives)
         in_times = {one.drive: one for one in courses_tried if one is not None}
         courses = {d: o for d, o in in_times.items() if o.gain >= 2.0 * float(floor[d]) ** 2}
-        self.show(f'effect {number + 1}: what it depends on')
-        screened = [self._screened(problem, point) for problem in drives]
+        self.show(f'effect {number}: what it depends on')
+        screened = []
+        for problem in drives:
+            screen = DriverScreen(problem, point, prepared).screen
+            gains = map(screen, families(point.signals, problem.drive))
+            screened.append([one for one in gains if one is not None])
         base_error = {p.drive: max(p.base_error, 1e-9) for p in drives}
         likely = chance(screened, list(base_error.values()))
         explained = self._explained(drives, point, screened, number)
@@ -171,7 +173,7 @@ class Discoverer:
         if not ranked:
             return None, 'nothing that is larger than what can be judged', likely
         ranked, repeated = without_known(
-            ranked, lambda one: same_term(one, (self._base, best.fit), point, self.fitter.prepared)
+            ranked, lambda one: same_term(one, (self._base, best.fit), point, prepared)
         )
         if not ranked:
             return None, f'what is left goes as {in_words(repeated)}, which the model has', likely
@@ -206,11 +208,6 @@ class Discoverer:
             return _LEAST_OF_TIME
         return _LEAST_OF_TIME_SLOW.get(family.kind, _LEAST_OF_TIME_SLOW['temperature'])
 
-    def _screened(self, problem: DriveProblem, point: Linearisation) -> list[DriverGain]:
-        screen = DriverScreen(problem, point, self.fitter.prepared)
-        found = (screen.screen(family) for family in families(point.signals, problem.drive))
-        return [one for one in found if one is not None]
-
     def _explained(
         self,
         drives: Sequence[DriveProblem],
@@ -224,7 +221,7 @@ class Discoverer:
         out: dict[int, list[tuple[LearnedShape, list[Expression]]]] = {}
         for problem, own in zip(drives, screened, strict=True):
             name = printable(prepared.names[problem.drive])
-            self.show(f'effect {number + 1}: shapes on {name} (of {len(drives)} drives)')
+            self.show(f'effect {number}: shapes on {name} (of {len(drives)} drives)')
             best: dict[tuple[str, ...], DriverGain] = {}
             for one in own:
                 known = best.get(one.family.group)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Effect, Signals, Term
 from wattwalk_core.arrays import Floats
 
-from power_lab.structure.shapes import DriveProblem
+from power_lab.structure.shapes import DriveProblem, hats
 
 _SHORTEST = 3.0  # s, of a cycle: shorter ones are steps of the gait
 _HARMONICS = 6
@@ -52,8 +52,7 @@ class Course:
             rows = recording == one
             place = time[rows] - time[rows][0]
             place = place / max(place[-1], 1e-9) * (self.knots - 1)
-            away = np.abs(place[:, None] - np.arange(self.knots))
-            out[rows, : self.knots] = np.maximum(0.0, 1.0 - away)
+            out[rows, : self.knots] = hats(place, np.arange(self.knots))
         if self.step is not None:
             out[:, -1] = time >= self.step[1]
         return out
@@ -132,17 +131,14 @@ def _courses(
 
 def _halves(problem: DriveProblem) -> tuple[NDArray[np.int64], Floats]:
     """First rows [n] of half seconds, and the residual's means over them, W [n]."""
-    mask = problem.blocks.mask[..., 0]
-    left = np.where(mask, np.nan_to_num(problem.residual[problem.blocks.rows]), 0.0)
-    half = left.shape[1] // 2
-    if half == 0:
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
-    parts = left[:, : 2 * half].reshape(len(left), 2, half)
-    counts = mask[:, : 2 * half].reshape(len(left), 2, half).sum(axis=2)
-    rows = problem.blocks.rows[:, : 2 * half].reshape(len(left), 2, half)[..., 0]
-    used = counts.ravel() > 0
-    means = parts.sum(axis=2).ravel()[used] / counts.ravel()[used]
-    return rows.ravel()[used], means
+    rows, mask = problem.blocks.rows, problem.blocks.mask[..., 0]
+    half = mask.shape[1] // 2
+    left = np.where(mask, np.nan_to_num(problem.residual[rows]), 0.0)
+    sums, counts = (
+        own[:, : 2 * half].reshape(len(own), 2, half).sum(axis=2) for own in (left, mask)
+    )
+    used = counts > 0
+    return rows[:, [0, half]][used], sums[used] / counts[used]
 
 
 def _step(values: Floats) -> int:
