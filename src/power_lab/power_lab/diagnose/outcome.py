@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from power_estimator.effects import Catalogue, Signals
+from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
@@ -22,14 +22,7 @@ from power_lab.diagnose.diagnosis import diagnosed
 from power_lab.diagnose.findings import Diagnosis, rounded_down, short
 from power_lab.diagnose.measurement import MeasurementTerm, measurement_terms
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.verdict import (
-    remainder,
-    sentence,
-    to_add,
-    to_do,
-    to_learn,
-    undecided,
-)
+from power_lab.diagnose.verdict import remainder, sentence, to_add, to_do, to_learn, undecided
 from power_lab.structure.words import in_words
 
 
@@ -70,23 +63,21 @@ def judged_steps(
     """Judge a model as given, and with the named effects added one by one; spec: name to show."""
 
     def grown(actives: tuple[Active, ...], name: str) -> EffectModel:
-        known = (
-            replace(active, effect=judge.catalogue[active.name])
-            if whole and active.name in judge.catalogue and active.effect.kind == 'physics'
-            else active
-            for active in actives
-        )
-        own = (
-            replace(one, shape=shapes.get(one.name, one.shape)) for one in model.structure.actives
-        )
-        structure = Structure((*own, *known))
+        known = judge.catalogue if whole else {}
+        given = [replace(a, shape=shapes.get(a.name, a.shape)) for a in model.structure.actives]
+        given += [
+            replace(a, effect=known.get(a.name, a.effect)) if a.effect.kind == 'physics' else a
+            for a in actives
+        ]
+        structure = Structure(tuple(given))
         return replace(model, name=name, structure=structure, groups=(), fitted_on=(), history=())
 
     whole = judge.prepared.whole
     shapes = {} if whole else {one.name: one.shape for one in diagnosis.found.known}
     actives = diagnosis.actives
+    names = [in_words(one.name) for one in actives]
     models: list[PowerModel] = [
-        grown(actives[:count], f'+ {", ".join(in_words(one.name) for one in actives[:count])}')
+        grown(actives[:count], f'+ {", ".join(names[:count])}')
         for count in range(1, len(actives) + 1)
     ]
     elsewhere = not (given is model and judge.refits(model))
@@ -166,19 +157,15 @@ class Outcome:
     def notes(self) -> list[str]:
         """Sentences on what the verdict rests on, each one a limit or a doubt."""
         found = [line for line in self.lines if line != self.sentence]
-        shapes = {one.name: one for one in self.diagnosis.found.known}
+        shapes = {one.name: one.shape for one in self.diagnosis.found.known}
         for one in self.model.structure.actives:
-            if (other := shapes.get(one.name, one)).shape != one.shape:
-                old, new = (
-                    ', '.join(f'{name} = {value:g}' for name, value in each.shape)
-                    for each in (one, other)
-                )
+            both = one.shape, shapes.get(one.name, one.shape)
+            if both[0] != both[1]:
+                old, new = (', '.join(f'{name} = {v:g}' for name, v in each) for each in both)
                 found.append(f'{in_words(one.name)} fits better with {new} than with {old}')
         if self.prepared.seconds < self.seconds - 1.0:
-            found.append(
-                f'judged on {self.prepared.seconds:.0f} of {self.seconds:.0f} s, in pieces spread '
-                'over the recordings'
-            )
+            judged = f'judged on {self.prepared.seconds:.0f} of {self.seconds:.0f} s'
+            found.append(f'{judged}, in pieces spread over the recordings')
         return [*found, *notes(self.prepared)]
 
     @property
@@ -201,7 +188,7 @@ class Outcome:
 
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `diagnose --json` writes them."""
-        d, noise = self.diagnosis, self.prepared.noise
+        d, names, noise = self.diagnosis, self.prepared.names, self.prepared.noise.tolist()
         left = self.judged.comparison.regimes[-1]
         model, after = self.judged.model.drives, self.judged.after.drives
         missed = float(np.nansum(d.best.mean_mse))
@@ -233,7 +220,7 @@ class Outcome:
                     'rmse_after_w': after[name].json()['rmse_w'],
                     'sensor_noise_w': short(watts) if np.isfinite(watts) else None,
                 }
-                for name, watts in zip(self.prepared.names, noise.tolist(), strict=True)
+                for name, watts in zip(names, noise, strict=True)
             },
             'judged_on_s': round(self.prepared.seconds, 2),
             'of_s': round(self.seconds, 2),
@@ -265,37 +252,27 @@ def diagnose(
     judged = judged_steps(judge, given, model, diagnosis, spec)
     left = diagnosis.left.within(judged.before.rmse, judged.after.rmse)
     diagnosis, prepared = replace(diagnosis, left=left), diagnosis.prepared
-    return Outcome(
-        model=model,
-        loaded=loaded,
-        catalogue=catalogue,
-        diagnosis=diagnosis,
-        measurement=measurement_terms(
-            diagnosis.found, prepared, judged.before.rms_w, diagnosis.apart
-        ),
-        judged=judged,
-        motion=_motion(diagnosis, catalogue, prepared.signals),
-        seconds=seconds,
-    )
+    rms_w, signals = judged.before.rms_w, prepared.signals
+    measurement = measurement_terms(diagnosis.found, prepared, rms_w, diagnosis.apart)
+    effects, reason = _to_show(diagnosis)
+    usable = [name for name in effects if catalogue[name].usable(signals)]
+    motion = separating_motion(usable, catalogue, signals.names, reason, signals.scale)
+    return Outcome(model, loaded, catalogue, diagnosis, measurement, judged, motion, seconds)
 
 
-def _motion(diagnosis: Diagnosis, catalogue: Catalogue, signals: Signals) -> Motion:
-    def motion(effects: Sequence[str], reason: str) -> Motion:
-        usable = [name for name in effects if catalogue[name].usable(signals)]
-        return separating_motion(usable, catalogue, signals.names, reason, signals.scale)
-
-    if diagnosis.verdict == 'named':
-        reason = 'to confirm what was named on a motion that shows it alone'
-        return motion(diagnosis.effects, reason)
+def _to_show(diagnosis: Diagnosis) -> tuple[Sequence[str], str]:
+    """Effects that the next recording is to show, and the reason."""
     effects = diagnosis.effects
+    if diagnosis.verdict == 'named':
+        return effects, 'to confirm what was named on a motion that shows it alone'
     if len(effects) > 1:
-        return motion(effects, f'to tell {" from ".join(effects)}')
+        return effects, f'to tell {" from ".join(effects)}'
     if effects or diagnosis.uncertain is not None:
         name = effects[0] if diagnosis.uncertain is None else diagnosis.uncertain.name
-        return motion([name], f'to see whether {name} is missing')
+        return [name], f'to see whether {name} is missing'
     if diagnosis.verdict == 'none_of_the_above':
         reason = 'to see the unknown at rest, over position at slow speed, and over speed and load'
-        return motion(['idle', 'cogging', 'viscous_friction', 'inverter_loss'], reason)
+        return ['idle', 'cogging', 'viscous_friction', 'inverter_loss'], reason
     by_watts = sorted(diagnosis.candidates, key=lambda one: -one.explains[2])
     hidden = [one.name for one in diagnosis.open or by_watts][:_MOST_ASKED]
-    return motion(hidden, 'to show effects that could hide in this recording')
+    return hidden, 'to show effects that could hide in this recording'
