@@ -99,9 +99,8 @@ class Budget:
                 for place, part in np.argwhere(np.isfinite(apart[0])).tolist():
                     low, high = limits[place, part].tolist()
                     names = other.name, base.name, member, base.phases[place], one.rows[part]
-                    found.append(
-                        BudgetDifference(*names, float(apart[0, place, part]), (low, high))
-                    )
+                    watts = float(apart[0, place, part])
+                    found.append(BudgetDifference(*names, watts, (low, high)))
         return tuple(found)
 
     def __str__(self) -> str:
@@ -109,15 +108,9 @@ class Budget:
 
     def table(self) -> str:
         """Return the budget as text tables, 100 columns wide."""
-        return tables(
-            headline(self.account, self.levers),
-            self.origin,
-            (self.account, *self.accounts),
-            self.differences,
-            self.levers,
-            self.refused,
-            self.battery,
-        )
+        sentence, of = headline(self.account, self.levers), (self.account, *self.accounts)
+        changes = self.differences, self.levers
+        return tables(sentence, self.origin, of, *changes, self.refused, self.battery)
 
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `budget --json` writes them."""

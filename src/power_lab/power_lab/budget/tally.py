@@ -1,7 +1,7 @@
 """Sums of power over phases, as measured and in draws of what is uncertain."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,19 +28,20 @@ class Tally:
     @classmethod
     def beside(cls, members: Sequence['Tally']) -> 'Tally':
         """Add tallies of different drives over the same rows."""
-        drives = sum(member.drives for member in members)
-        return cls(members[0].parts, *_summed(members), drives)
+        return replace(cls.joined(members), drives=sum(member.drives for member in members))
 
     @classmethod
     def joined(cls, recordings: Sequence['Tally']) -> 'Tally':
         """Add tallies of the same drives over several recordings."""
-        return cls(recordings[0].parts, *_summed(recordings), recordings[0].drives)
+        sums = np.sum([tally.sums for tally in recordings], axis=0)
+        counts = np.sum([tally.counts for tally in recordings], axis=0)
+        return replace(recordings[0], sums=sums, counts=counts)
 
     def with_constant(self, part: str, watts: Floats) -> 'Tally':
         """Return a tally with a further part of constant power, W [1 + R], metered as well."""
         added = (watts[:, None] * self.counts / self.drives)[..., None]
         ends = self.sums[..., :-1], added, self.sums[..., -1:] + added
-        return Tally((*self.parts, part), np.concatenate(ends, axis=2), self.counts, self.drives)
+        return replace(self, parts=(*self.parts, part), sums=np.concatenate(ends, axis=2))
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -54,11 +55,6 @@ class Tally:
             means = self.sums / self.counts[..., None] * self.drives
         rest = means[..., -1:] - means[..., :-1].sum(axis=2, keepdims=True)
         return np.concatenate([means[..., :-1], rest, means[..., -1:]], axis=2)
-
-
-def _summed(tallies: Sequence[Tally]) -> tuple[Floats, Floats]:
-    sums = np.sum([tally.sums for tally in tallies], axis=0)
-    return sums, np.sum([tally.counts for tally in tallies], axis=0)
 
 
 def interval(draws: Floats) -> Floats:

@@ -22,14 +22,7 @@ from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged
 from power_estimator.posterior.priors import NAMED, OFF
 from wattwalk_core.arrays import Floats
 
-from power_lab.diagnose.findings import (
-    LEAST_FALL,
-    UNLIKELY,
-    Candidate,
-    Diagnosis,
-    Residual,
-    short,
-)
+from power_lab.diagnose.findings import LEAST_FALL, UNLIKELY, Candidate, Diagnosis, Residual, short
 from power_lab.structure.floors import unseen
 from power_lab.structure.owners_terms import DriveAtWork, in_owners_terms
 
@@ -63,16 +56,8 @@ def residual(found: JudgedEffects, base: Evidence, best: Evidence, prepared: Pre
     power = np.nanmean(np.square(prepared.power_at(0.0)), axis=0)
     share = left / np.maximum(power, 1e-12)
     counts = share.mean() >= OFF**2 or share.max() >= (_ALONE * OFF) ** 2
-    return Residual(
-        left=left,
-        missed=missed,
-        by_chance=by_chance,
-        power=power,
-        noise=prepared.noise,
-        over=_causes(found, left, prepared),
-        names=tuple(prepared.names),
-        counts=bool(counts),
-    )
+    over, names = _causes(found, left, prepared), tuple(prepared.names)
+    return Residual(left, missed, by_chance, power, prepared.noise, over, names, bool(counts))
 
 
 def _causes(found: JudgedEffects, left: Floats, prepared: Prepared) -> tuple[str, ...]:
@@ -150,30 +135,24 @@ def diagnosed(
         fits = fits.reshaped(found.known)
         fit = fits.added(found.added).fit
         apart = _apart(fit)
-        found = judged_effects(
-            _alike(own.prepared, fit, apart), physics, catalogue, own.base_power, show
-        )
+        alike = _alike(own.prepared, fit, apart)
+        found = judged_effects(alike, physics, catalogue, own.base_power, show)
     show('holding the effects against held-out data')
     if delays.any():
         apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
     fits = fits.reshaped(found.known)
     found, best = _borne_out(_possible(found), fits)
-    candidates = _candidates(found, fits)
+    alone = [_candidate(one, found, fits) for one in found.candidates]
+    families = _families(alone)
+    candidates = tuple(replace(one, family=families[one.name]) for one in alone)
     if (name := _outdone(candidates, float(np.sqrt(fits.base.mean_mse.mean())))) is not None:
         found, best = found.doubting(name), fits.base
         doubted = found.probability[name]
         candidates = tuple(
             replace(one, probability=doubted) if one.name == name else one for one in candidates
         )
-    return Diagnosis(
-        found=found,
-        prepared=own.prepared,
-        apart=apart,
-        base=fits.base,
-        best=best,
-        candidates=candidates,
-        left=residual(found, fits.base, best, own.prepared),
-    )
+    left = residual(found, fits.base, best, own.prepared)
+    return Diagnosis(found, own.prepared, apart, fits.base, best, candidates, left)
 
 
 def _possible(found: JudgedEffects) -> JudgedEffects:
@@ -203,12 +182,12 @@ def _outdone(candidates: Sequence[Candidate], error: float) -> str | None:
 
 def _apart(fit: Fit) -> dict[str, Floats]:
     """Terms of the measurement of each recording less their mean over all [M, R]."""
-    own = {name: fit.coefficients[:, fit.structure.columns_of(name)] for name in OWN_TERMS}
-    return {
-        name: values - values.mean(axis=1, keepdims=True)
-        for name, values in own.items()
-        if values.shape[1] > 1
-    }
+    out = {}
+    for name in OWN_TERMS:
+        values = fit.coefficients[:, fit.structure.columns_of(name)]
+        if values.shape[1] > 1:
+            out[name] = values - values.mean(axis=1, keepdims=True)
+    return out
 
 
 def _alike(prepared: Prepared, fit: Fit, apart: Mapping[str, Floats]) -> Prepared:
@@ -228,13 +207,10 @@ def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects,
     best = fits.added(found.named, 3) if found.named else fits.base
     while named := found.named:
         chance = chance_w2(best, fits.fitter.prepared)
-
-        def error(one: Evidence, chance: Floats = chance) -> Floats:
-            return np.sqrt(np.maximum(one.mean_mse - chance, 0.0))
-
         less = {a.name: fits.added([one for one in named if one is not a], 3) for a in named}
+        least = (1.0 + LEAST_FALL) * np.sqrt(np.maximum(best.mean_mse - chance, 0.0))
         rises = {
-            name: float(np.nanmax(error(one) - (1.0 + LEAST_FALL) * error(best)))
+            name: float(np.nanmax(np.sqrt(np.maximum(one.mean_mse - chance, 0.0)) - least))
             for name, one in less.items()
         }
         worst = min(rises, key=lambda name: rises[name])
@@ -242,12 +218,6 @@ def _borne_out(found: JudgedEffects, fits: AddedEffects) -> tuple[JudgedEffects,
             return found, best
         found, best = found.doubting(worst), less[worst]
     return found, fits.base
-
-
-def _candidates(found: JudgedEffects, fits: AddedEffects) -> tuple[Candidate, ...]:
-    alone = [_candidate(one, found, fits) for one in found.candidates]
-    families = _families(alone)
-    return tuple(replace(one, family=families[one.name]) for one in alone)
 
 
 def _candidate(judged: JudgedEffect, found: JudgedEffects, fits: AddedEffects) -> Candidate:

@@ -49,13 +49,11 @@ class MeasurementTerm:
         """Sentence on the error: drive, size, and the check or calibration that removes it."""
         read = f'{1.0 + self.value:.2f} of what the power says'
         match self.name:
-            case 'torque_scale' if self.at_motor:
-                return (
-                    f'The torque of {self.drive} reads {read}: check its constant, and the meter.'
-                )
             case 'torque_scale':
                 gear = f', or a gear that loses {-self.value:.0%}' if self.value < 0 else ''
                 check = f'a wrong scale{gear}, or the meter; weigh a known mass on it.'
+                if self.at_motor:
+                    check = 'check its constant, and the meter.'
                 return f'The torque of {self.drive} reads {read}: {check}'
             case 'power_gain':
                 way = 'high' if self.value > 0 else 'low'
@@ -72,10 +70,8 @@ class MeasurementTerm:
         size = f'{self.value:.3g} {SENSORS[self.name].unit}'
         if self.name == 'meter_filter' and self.value > 0:  # half of a time constant squared
             size = f'{np.sqrt(2.0 * self.value):.2g} s'
-        return (
-            f'Allowed for in {self.drive}: {self.name.replace("_", " ")} of {size}; to be rid of '
-            f'it, {_CHECKS[self.name]}.'
-        )
+        error = f'{self.name.replace("_", " ")} of {size}'
+        return f'Allowed for in {self.drive}: {error}; to be rid of it, {_CHECKS[self.name]}.'
 
 
 def measurement_terms(
@@ -114,8 +110,8 @@ def measurement_terms(
             drive=names[worst],
             at_motor=bool(prepared.signals.at_motor[0 if prepared.whole else worst]),
             drives={
-                drive: short(float(np.mean(own)) + float(known[i]))
-                for i, (drive, own) in enumerate(zip(names, drawn, strict=True))
+                drive: short(float(np.mean(own)) + float(shift))
+                for drive, own, shift in zip(names, drawn, known, strict=True)
             },
             recordings=_by_recording(prepared, middle + apart[name][worst])
             if name in apart

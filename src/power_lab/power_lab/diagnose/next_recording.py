@@ -14,6 +14,7 @@ from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting
 from power_estimator.effects import Catalogue, Excitation
 from power_estimator.effects.signals.scale import DriveScale
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
@@ -101,10 +102,16 @@ def separating_motion(
         excitation = _scaled(catalogue[name].excitation, scale)
         texts.append(f'{name}: {excitation.told(len(drives))}')
         supply.update(excitation.supply)
-        new = _long_enough(_segments(excitation))
+        new = _segments(excitation)
+        if seconds := _seconds(new):  # a short time would not be told from chance
+            new *= max(1, math.ceil(LEAST_OF_EACH / seconds))
         if not all(segment in segments for segment in new):
             segments += new
-    segments = _within(segments)
+    if (total := _seconds(segments)) > _LONGEST:  # all are shortened alike
+        segments = [
+            {**segment, 'seconds': round(float(segment['seconds']) * _LONGEST / total, 1)}
+            for segment in segments
+        ]
     whole = reason + '; ' + '; '.join(dict.fromkeys(texts)) if texts else reason
     return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
 
@@ -113,29 +120,20 @@ def _seconds(segments: Iterable[Mapping[str, Any]]) -> float:
     return sum(float(segment['seconds']) for segment in segments)
 
 
-def _long_enough(segments: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Repeat segments whose time would be too short to be told from chance."""
-    seconds = _seconds(segments)
-    return segments * max(1, math.ceil(LEAST_OF_EACH / seconds)) if seconds else segments
-
-
 def _scaled(excitation: Excitation, scale: DriveScale | None) -> Excitation:
     if scale is None:
         return excitation
-    torque, speed, volts = (
-        float(values.min()) for values in (scale.torque, scale.speed, scale.voltage)
-    )
+
+    def times(values: Sequence[float], of: Floats) -> tuple[float, ...]:
+        return tuple(float(f'{value * float(of.min()):.4g}') for value in values)
+
     return replace(
         excitation,
-        speeds=tuple(_short(value * speed) for value in excitation.speeds),
-        loads=tuple(_short(value * torque) for value in excitation.loads),
-        amplitude=_short(excitation.amplitude * speed),
-        supply=tuple(_short(value * volts) for value in excitation.supply),
+        speeds=times(excitation.speeds, scale.speed),
+        loads=times(excitation.loads, scale.torque),
+        amplitude=times([excitation.amplitude], scale.speed)[0],
+        supply=times(excitation.supply, scale.voltage),
     )
-
-
-def _short(value: float) -> float:
-    return float(f'{value:.4g}')
 
 
 def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:
@@ -165,14 +163,3 @@ def _passes(speed: float, load: float, seconds: float) -> list[dict[str, Any]]:
     there = {'mode': 'velocity', 'speed': speed, 'load': load, 'seconds': each}
     back = {**there, 'speed': -speed}
     return [dict(part) for _ in range(count) for part in (there, back)]
-
-
-def _within(segments: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Shorten all alike where the whole would take too long."""
-    total = _seconds(segments)
-    if total <= _LONGEST:
-        return list(segments)
-    return [
-        {**segment, 'seconds': round(float(segment['seconds']) * _LONGEST / total, 1)}
-        for segment in segments
-    ]

@@ -54,27 +54,22 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
         return _fitting(likely, 'or', template)
     any_ = certainty(diagnosis.found.any_missing)
     if diagnosis.verdict == 'none_of_the_above':
-        return (
-            f'No known effect explains what the model misses: {stays}; that a known '
-            f'one is missing besides has probability {any_}.'
-        )
+        beside = f'that a known one is missing besides has probability {any_}'
+        return f'No known effect explains what the model misses: {stays}; {beside}.'
     if likely or diagnosis.found.any_missing >= _LIKELY:
         long = f'Something {one}, but these recordings do not tell what{names}; {stays} stays'
         short = f'Something {one}, not told what{names}; {stays} stays unexplained.'
         return _fitting(likely, 'or', f'{long} unexplained.', f'{long}.', short)
-    return (
-        f'No evidence in these recordings that an effect is missing (probability {any_}): '
-        f'{stays} stays unexplained.'
-    )
+    none = f'No evidence in these recordings that an effect is missing (probability {any_})'
+    return f'{none}: {stays} stays unexplained.'
 
 
 def likeliest(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return names of effects of which one is probably missing; () below a probability of 0.5."""
     if diagnosis.found.any_missing < _LIKELY:
         return ()
-    best = diagnosis.uncertain
-    first = [] if best is None else [best.name]
-    return tuple(dict.fromkeys([*first, *(one.name for one in diagnosis.open)]))
+    first = [] if diagnosis.uncertain is None else [diagnosis.uncertain]
+    return tuple(dict.fromkeys(one.name for one in (*first, *diagnosis.open)))
 
 
 def candidates_to_show(diagnosis: Diagnosis) -> list[Candidate]:
@@ -171,11 +166,11 @@ def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
         return f'Next: {record}, which tells {told}.'
     learn = '`ros2 run power_lab discover` learns the shape of what stays'
     if (best := diagnosis.uncertain) is not None:
-        name = in_words(best.name)
+        fall = f'alone it takes {best.delta_rmse_w:.2f} of {before:.2f} W off'
+        doubt = 'but is not told apart from what no formula explains'
+        doubt += f'; {learn}' if to_learn(diagnosis) else ''
         return (
-            f'Next: {record}, which shows whether it is {name}: alone it takes '
-            f'{best.delta_rmse_w:.2f} of {before:.2f} W off, but is not told apart from what no '
-            f'formula explains{f"; {learn}" if to_learn(diagnosis) else ""}.'
+            f'Next: {record}, which shows whether it is {in_words(best.name)}: {fall}, {doubt}.'
         )
     if to_learn(diagnosis):
         return f'Next: {learn}.'
