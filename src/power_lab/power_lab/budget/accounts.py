@@ -55,11 +55,9 @@ class DriveAccount:
         """
         parts: dict[str, Floats] = {}
         for name, values in found.parts.items():
+            parts[name] = np.maximum(values, 0.0) if name == SHAFT else values
             if name == SHAFT:
-                parts[SHAFT] = np.maximum(values, 0.0)
                 parts[REGENERATION] = np.minimum(values, 0.0)
-            else:
-                parts[name] = values
         slopes = list(found.slopes.values())
         owners = [part for part, _ in found.slopes]
         moved = [changes[:, column] for _, column in found.slopes]
@@ -232,10 +230,8 @@ class Accounts:
                     whole[index].append(self._tally(account, index, robot, share))
         for index, tallies in enumerate(found):
             self._add_groups(tallies, whole[index], index)
-        return PartsOverTime(
-            *(names, parts, np.stack(power, axis=1), self.metered, state, masks),
-            prepared.reducer.stretches(),
-        ), found
+        signals = np.stack(power, axis=1), self.metered, state, masks
+        return PartsOverTime(names, parts, *signals, prepared.reducer.stretches()), found
 
     @property
     def together(self) -> list[list[int]]:
@@ -269,12 +265,9 @@ class Accounts:
         columns = np.concatenate([column[:, 0] for column in found], axis=1)
         return columns, values, draws.measurement[:, drive] - values
 
-    def _tally(
-        self, account: DriveAccount, index: int, masks: Mapping[str, Bools], meter: Floats
-    ) -> Tally:
+    def _tally(self, account: DriveAccount, index: int, masks: Masks, meter: Floats) -> Tally:
         rows = self.prepared.recording == index
-        block, often = self._blocks[index]
-        return account.tally(rows, masks, meter, block, often)
+        return account.tally(rows, masks, meter, *self._blocks[index])
 
     @cached_property
     def _blocks(self) -> list[tuple[NDArray[np.intp], Floats]]:
@@ -289,8 +282,7 @@ class Accounts:
         return found
 
     def _often(self, count: int, index: int) -> Floats:
-        own = self.judge.settings.fit.drawn_together
-        together = 1 if self.prepared.steady else own
+        together = 1 if self.prepared.steady else self.judge.settings.fit.drawn_together
         return drawn_blocks(count, self._count, together, self.seed + 1 + index)
 
     def _add_groups(self, tallies: dict[str, Tally], whole: list[Tally], index: int) -> None:
@@ -301,8 +293,7 @@ class Accounts:
                 tallies[kind] = Tally.beside([drives[drive] for drive in own])
         if self.prepared.whole:
             robot = Tally.beside(whole)
-            counts = robot.counts / len(names)
-            tallies[WHOLE] = replace(robot, counts=counts, drives=1)
+            tallies[WHOLE] = replace(robot, counts=robot.counts / len(names), drives=1)
             for member, tally in tallies.items():
                 parts = tuple(ELECTRONICS if part == 'idle' else part for part in tally.parts)
                 tallies[member] = replace(tally, parts=parts)

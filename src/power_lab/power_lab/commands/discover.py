@@ -39,10 +39,8 @@ def run(options: argparse.Namespace) -> None:
     if not outcome.written:
         told = f'{options.output} is not written: there is no effect of the drives to write down'
     if names:
-        told += (
-            f'; to add what is missing: ros2 run power_lab add {" ".join(names)} --to '
-            f'{options.model} --bag {options.bags[0]} -o better.yaml{own}'
-        )
+        add = f'add {" ".join(names)} --to {options.model} --bag {options.bags[0]}'
+        told += f'; to add what is missing: ros2 run power_lab {add} -o better.yaml{own}'
     print(told)
     if options.report:
         print(f'report: {options.report}')

@@ -35,9 +35,8 @@ def run(options: argparse.Namespace) -> None:
             seed=options.seed,
             prior=prior,
         )
-    model, loaded = lab.effects, lab.recordings
+    model, loaded, prepared = lab.effects, lab.recordings, lab.judge.prepared
     (entry,) = model.history
-    rmse = entry['rmse_w']
     balances = power_balances(loaded.data)
     both = both_sides(lab.judge, options.seed)
     content = {
@@ -62,11 +61,10 @@ def run(options: argparse.Namespace) -> None:
     print_model(common.console(), model)
     for one in both.values():
         print('\n'.join(one.lines()))
-    for note in notes(lab.judge.prepared):
+    for note in notes(prepared):
         print(note)
-    errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())
+    errors = ', '.join(f'{drive} {value:.2f} W' for drive, value in entry['rmse_w'].items())
     print(f'wrote {options.output}; held-out error: {errors}')
-    prepared = lab.judge.prepared
     if prepared.steady or prepared.seconds >= LEAST_TO_JUDGE:
         print(common.next_command('diagnose', options, '--model', options.output))
     else:

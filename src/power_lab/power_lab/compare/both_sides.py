@@ -142,10 +142,8 @@ class _Drive:
     def __init__(self, prepared: Prepared, settings: FitSettings, drive: int, seed: int) -> None:
         signals = prepared.signals
         assert signals.motor_current is not None
-        amps, torque, speed = (
-            values[:, drive]
-            for values in (signals.motor_current, signals.torque, signals.velocity)
-        )
+        known = signals.motor_current, signals.torque, signals.velocity
+        amps, torque, speed = (values[:, drive] for values in known)
         self.name, self._steady = signals.names[drive], prepared.steady
         temperature = signals.temperature[:, drive]
         products = {
@@ -167,8 +165,8 @@ class _Drive:
         self._power = np.asarray(prepared.power[:, :, drive], np.float64)
         blocks = Blocks.of(prepared, settings)
         needed = [own for name, own in self._all.items() if name != 'temperature']
-        known = np.isfinite(np.sum(needed, axis=0))[blocks.rows].all(axis=1)
-        self._blocks = blocks.rows[blocks.valid[:, drive] & known]
+        finite = np.isfinite(np.sum(needed, axis=0))[blocks.rows].all(axis=1)
+        self._blocks = blocks.rows[blocks.valid[:, drive] & finite]
         together = 1 if blocks.independent else settings.drawn_together
         self._drawn = drawn_blocks(len(self._blocks), _DRAWS, together, seed)
 
@@ -205,12 +203,9 @@ class _Drive:
         if constant.value <= 0.0 or wide or self._alone('iw', losses) < _ALONE:
             remark = 'load and speed vary together: the power does not tell Kt'
             return replace(found, resistance=None, inverter=None, remark=remark)
-        return replace(
-            found,
-            torque_constant=constant,
-            efficiency=self._efficiency(constant.value),
-            **self._between(motor[:, 0]),
-        )
+        efficiency = self._efficiency(constant.value)
+        between = self._between(motor[:, 0])
+        return replace(found, torque_constant=constant, efficiency=efficiency, **between)
 
     def _at_standstill(self) -> BothSides:
         blocks = self._all['temperature'][self._blocks].mean(axis=1)
@@ -266,10 +261,8 @@ class _Drive:
         used = (shaft > 0.0) & (motor > 0.0)
         if not used.any():
             return ()
-        quantiles = np.linspace(0.02, 0.98, _BINS + 1)
-        edges = [
-            np.unique(np.quantile(values[used], quantiles)).tolist() for values in (speed, load)
-        ]
+        shares = np.linspace(0.02, 0.98, _BINS + 1)
+        edges = [np.unique(np.quantile(own[used], shares)).tolist() for own in (speed, load)]
         least, found = _LEAST_POINTS if self._steady else _LEAST_ROWS, []
         for (slow, fast), (light, heavy) in product(*map(pairwise, edges)):
             own = used & (slow <= speed) & (speed <= fast) & (light <= load) & (load <= heavy)
@@ -296,10 +289,8 @@ class _Drive:
         not negative.
         """
         columns = np.stack([self._all[name] for name in names], axis=1)[self._blocks]
-        bounds = (
-            np.array([-np.inf if name in _FREE else 0.0 for name in names]),
-            np.full(len(names), np.inf),
-        )
+        least = np.array([-np.inf if name in _FREE else 0.0 for name in names])
+        bounds = least, np.full(len(names), np.inf)
         gram = columns.transpose(0, 2, 1) @ columns
         best: tuple[float, Floats, Floats, Floats] | None = None
         for values in self._power if target is None else target[None]:

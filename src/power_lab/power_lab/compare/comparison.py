@@ -69,9 +69,8 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
 
     specs: `model.yaml`, `ppn:RUN` or a proxy each. InputError for one that cannot be loaded.
     """
-    return comparison(
-        Judge(loaded, catalogue), [load_model(spec, catalogue) for spec in specs], specs
-    )
+    models = [load_model(spec, catalogue) for spec in specs]
+    return comparison(Judge(loaded, catalogue), models, specs)
 
 
 def comparison(
@@ -84,16 +83,8 @@ def comparison(
     ]
     judged, prepared = judge.compare(models, shown), judge.prepared
     state, labels = describe_state(prepared, judge.recordings)
-    regimes = [
-        worst_regimes(
-            by_drive(one.residual, prepared),
-            state,
-            prepared.signals.names,
-            labels,
-            scale=prepared.signals.scale,
-        )
-        for one in judged
-    ]
+    about = state, prepared.signals.names, labels, prepared.signals.scale
+    regimes = [worst_regimes(by_drive(one.residual, prepared), *about) for one in judged]
     worst = tuple(map(tuple, regimes))
     return Comparison(prepared, judged, worst, state, labels, both_sides(judge))
 

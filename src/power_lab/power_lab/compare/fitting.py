@@ -88,10 +88,8 @@ def refitted(
 ) -> EffectModel:
     """Fit effects on a model's base and prior; per: 'type' or 'drive', by default the model's."""
     alone = all(group.type.patterns == (group.type.name,) for group in model.groups)
-    own = 'drive' if model.groups and alone else 'type'
-    return fitted(
-        judge, effects, name, base=model.base, per=per or own, seed=seed, prior=model.prior
-    )
+    per = per or ('drive' if model.groups and alone else 'type')
+    return fitted(judge, effects, name, base=model.base, per=per, seed=seed, prior=model.prior)
 
 
 def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:
@@ -108,8 +106,6 @@ def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:
     effects = [catalogue.get_known(name, 'effects') for name in names]
     actives = [Active.of(effect) for effect in effects if effect.kind == 'physics']
     if not actives:
-        raise InputError(
-            f'effects: {", ".join(names)} are errors of the measurement, which every fit has '
-            'anyway; name effects of the drive'
-        )
+        errors = f'{", ".join(names)} are errors of the measurement, which every fit has anyway'
+        raise InputError(f'effects: {errors}; name effects of the drive')
     return actives

@@ -169,9 +169,7 @@ def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
         fall = f'alone it takes {best.delta_rmse_w:.2f} of {before:.2f} W off'
         doubt = 'but is not told apart from what no formula explains'
         doubt += f'; {learn}' if to_learn(diagnosis) else ''
-        return (
-            f'Next: {record}, which shows whether it is {in_words(best.name)}: {fall}, {doubt}.'
-        )
+        return f'Next: {record}, which shows whether it is {in_words(best.name)}: {fall}, {doubt}.'
     if to_learn(diagnosis):
         return f'Next: {learn}.'
     alone = len(diagnosis.prepared.signals.names) == 1

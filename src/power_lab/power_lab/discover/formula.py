@@ -238,16 +238,12 @@ class Formula:
     def unit(self) -> str:
         """Unit of its coefficients."""
         family = self.family
-        power = 1 if self.primitive.name in _OF_DRIVER else 0
-        power = 2 if self.primitive.name in _OF_SQUARE else power
-        parts = []
-        if power and family.driver.unit:
-            unit = family.driver.unit
+        unit, of_factor, parts = family.driver.unit, family.factor.unit, []
+        if unit and self.primitive.name in (*_OF_DRIVER, *_OF_SQUARE):
             plain = unit if '·' not in unit and '/' not in unit else f'({unit})'
-            parts.append(plain + ('²' if power == 2 else ''))
-        if family.factor.unit:
-            unit = family.factor.unit
-            parts.append(f'({unit})' if '/' in unit else unit)
+            parts.append(plain + ('²' if self.primitive.name in _OF_SQUARE else ''))
+        if of_factor:
+            parts.append(f'({of_factor})' if '/' in of_factor else of_factor)
         base = 'N·m' if family.acts_on == 'torque' else 'W'
         if parts == [base]:
             return '1'
@@ -272,14 +268,12 @@ def refined(
     start = np.array([place.parameters[name] for name in names])
     low, high = np.quantile(z, (0.001, 0.999))
     span = float(high - low)
-    given = place.parameters
+    own_span = span
     if primitive.name == 'window':
-        span_of = given['high'] - given['low']
-    elif primitive.name == 'turn_window':
-        span_of = 2.0 * given['half']
-    else:
-        span_of = span
-    steps = np.full(len(start), 0.1 * span_of)
+        own_span = place.parameters['high'] - place.parameters['low']
+    if primitive.name == 'turn_window':
+        own_span = 2.0 * place.parameters['half']
+    steps = np.full(len(start), 0.1 * own_span)
     if names[0] in ('scale', 'order'):
         steps = 0.15 * start if names[0] == 'scale' else np.array([0.3])
     if names[-1] == 'edge':

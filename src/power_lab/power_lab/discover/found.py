@@ -108,11 +108,8 @@ def bounds_of(between: Floats, values: Floats) -> list[tuple[float, float]]:
         low = float(min(between[:, term, 0].min(), values[:, term].min()))
         high = float(max(between[:, term, 1].max(), values[:, term].max()))
         room = max(_WIDER * (high - low), 0.5 * max(abs(low), abs(high)))
-        wide_low, wide_high = low - room, high + room
-        if low > 0.0:
-            wide_low = max(wide_low, 0.0)
-        if high < 0.0:
-            wide_high = min(wide_high, 0.0)
+        wide_low = max(low - room, 0.0) if low > 0.0 else low - room
+        wide_high = min(high + room, 0.0) if high < 0.0 else high + room
         out.append((float(f'{wide_low:.4g}'), float(f'{wide_high:.4g}')))
     return out
 

@@ -29,10 +29,7 @@ def express(problem: DriveProblem, shape: LearnedShape) -> list[Expression]:
     out = []
     for primitive in PRIMITIVES.values():
         grid, columns = primitive.on(shape.nodes)
-        if not grid:
-            continue
-        found = _best(problem, shape, reduced, columns)
-        if found is not None:
+        if grid and (found := _best(problem, shape, reduced, columns)) is not None:
             place, gain = found
             out.append(Expression(primitive, grid[place], gain))
     return out
@@ -76,11 +73,9 @@ def _best(
     if improvement <= 0.0:
         return None
     full = []
-    for fold in range(problem.folds.count):
-        index, own, _ = chosen[fold]
+    for part, (index, own, _) in zip(reduced[:-1], chosen[:-1], strict=True):
         nodes = columns[index] @ own
-        base = reduced[fold].own + reduced[fold].slope @ nodes
-        full.append(np.concatenate([base, nodes]))
+        full.append(np.concatenate([part.own + part.slope @ nodes, nodes]))
     error = float(shape.moments.error(np.stack(full)).sum())
     return place, problem.base_error - error / shape.moments.rows
 
@@ -192,10 +187,8 @@ def _option(
     near = [f for f in formulas if f.gain * _weight(f) >= enough]
     chosen = min(near, key=lambda f: (f.primitive.complexity, -f.gain))
     shape_gain = sum(max(shapes[d].gain, place.gain) for d, place in chosen.places.items())
-    formula = Formula(chosen.primitive, chosen.places)
-    family = formula.family
-    score = handicap(family) * max(formula.gain, 0.8 * shape_gain)
-    return Option(formula, shape_gain, score, {d: shapes[d] for d in chosen.places})
+    score = handicap(chosen.family) * max(chosen.gain, 0.8 * shape_gain)
+    return Option(chosen, shape_gain, score, {d: shapes[d] for d in chosen.places})
 
 
 def handicap(family: Family) -> float:
