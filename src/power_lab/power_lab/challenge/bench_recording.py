@@ -53,10 +53,8 @@ def record_motion(
     drive = drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:
         raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
-    if challenge is not None:
-        plant = Challenge.of(unseal(challenge)).plant(plant)
-    else:
-        plant = plant.unit(unit)
+    hidden = None if challenge is None else Challenge.of(unseal(challenge))
+    plant = plant.unit(unit) if hidden is None else hidden.plant(plant)
     pull = SPARE * max(_LEAST_LOAD, motion.strongest)
     world = stand_world(drive, Stand(_INERTIA, pull / (_GRAVITY * _LENGTH), _LENGTH))
     controller = MotionController(motion, Mounting(pull), JUMPS)
@@ -107,12 +105,9 @@ def record_on_bench(
         how: dict[str, Any] = {'drive': drive, 'challenge': riddle}
         _, seconds = record_motion(trial, Path(scratch) / 'trial', plant, **how)
         needed = (time.monotonic() - began) / seconds * motion.seconds
+    takes = f'{needed:.0f} s' if needed < 90 else f'{needed / 60:.0f} min'
     tell(
         f'recording {motion.seconds:.0f} s of {drive} on the simulated bench, which takes about '
-        f'{_in_words(needed)}'
+        f'{takes}'
     )
     record_motion(file, output, plant, **how)
-
-
-def _in_words(seconds: float) -> str:
-    return f'{seconds:.0f} s' if seconds < 90 else f'{seconds / 60:.0f} min'

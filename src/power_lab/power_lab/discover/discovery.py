@@ -133,16 +133,12 @@ class Discoverer:
         between = self.fitter.intervals(fit, self.seed)[rows][:, columns]  # [d, n, 2]
         by_drive = dict(zip(rows, map(tuple, values.tolist()), strict=True))
         written = self._written(one.name, one.formula, by_drive, bounds_of(between, values))
-        return replace(
-            one,
-            effect=load_effect(written),
-            written=written,
-            coefficients=by_drive,
-            coefficient_intervals={
-                drive: tuple((low, high) for low, high in own)
-                for drive, own in zip(rows, between.tolist(), strict=True)
-            },
-        )
+        intervals = {
+            drive: tuple((low, high) for low, high in own)
+            for drive, own in zip(rows, between.tolist(), strict=True)
+        }
+        known = replace(one, coefficients=by_drive, coefficient_intervals=intervals)
+        return replace(known, effect=load_effect(written), written=written)
 
     def _next(
         self, best: Evidence, floor: Floats, found: Sequence[Found]
@@ -188,9 +184,8 @@ class Discoverer:
             size = float(np.sqrt(gain.max()))
             return None, f'{size:.2f} W of structure is less than can be judged', likely
         one = self._checked(ranked, best, floor, drives, point, found)
-        if one is None:
-            return None, 'no formula stands beside the refitted model', likely
-        return one, '', likely
+        why = '' if one is not None else 'no formula stands beside the refitted model'
+        return one, why, likely
 
     def _least_of_time(self, option: Option, point: Linearisation) -> float:
         """Share of what time explains that an option must explain not to be time.
@@ -227,12 +222,12 @@ class Discoverer:
                 known = best.get(one.family.group)
                 if one.family.group in wanted and (known is None or one.gain > known.gain):
                     best[one.family.group] = one
-            rows = []
-            for one in best.values():
-                shape = learn(problem, one.family, point, prepared)
-                if shape is not None:
-                    rows.append((shape, express(problem, shape) if shape.gain > 0.0 else []))
-            out[problem.drive] = rows
+            shapes = (learn(problem, one.family, point, prepared) for one in best.values())
+            out[problem.drive] = [
+                (shape, express(problem, shape) if shape.gain > 0.0 else [])
+                for shape in shapes
+                if shape is not None
+            ]
         return out
 
     def _course(
@@ -317,11 +312,8 @@ class Discoverer:
             shapes=option.shapes,
             kept=min(1.0, option.kept),
             rivals=tuple(
-                (
-                    other.formula.text(),
-                    float(np.sqrt(max(option.formula.gain - other.formula.gain, 0))),
-                )
-                for other in ranked[1:4]
+                (other.text(), float(np.sqrt(max(option.formula.gain - other.gain, 0))))
+                for other in (one.formula for one in ranked[1:4])
             ),
         )
         return self._settled(learned, one.after, one.effect.name)
@@ -336,20 +328,12 @@ class Discoverer:
         names = self.fitter.prepared.names
         places: dict[str, dict[str, object]] = {}
         for drive, place in formula.places.items():
-            given: dict[str, object] = {
-                key: float(f'{value:.6g}') for key, value in place.parameters.items()
-            }
-            if place.family.driver.memory:
-                given['given'] = tuple(float(f'{v:.6g}') for v in place.family.driver.given)
-            if place.family.driver.other:
-                given['other'] = place.family.driver.other
+            driver = place.family.driver
+            given: dict[str, object] = {k: float(f'{v:.6g}') for k, v in place.parameters.items()}
+            if driver.memory:
+                given['given'] = tuple(float(f'{v:.6g}') for v in driver.given)
+            if driver.other:
+                given['other'] = driver.other
             places[names[drive]] = given
-        return Written(
-            name=name,
-            formula=formula,
-            physics=in_short(formula, values, names),
-            bounds=bounds,
-            near=look_alikes(formula),
-            excitation=excitation(formula),
-            places=places,
-        )
+        physics, near = in_short(formula, values, names), look_alikes(formula)
+        return Written(name, formula, physics, bounds, near, excitation(formula), places)

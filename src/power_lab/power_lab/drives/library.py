@@ -129,24 +129,16 @@ def _carried(group: DriveGroup, h: float, e: float) -> list[str]:
 
 def exported(drive: LibraryDrive, form: str) -> str:
     """Text of an actuator: `mujoco` (MJCF) or `mjlab` (Python); InputError as `power_function`."""
-    return {'mujoco': _mujoco, 'mjlab': _mjlab}[form](drive)
-
-
-def _largest(drive: LibraryDrive) -> float:
-    """N·m that were seen: the drive may be able to do more."""
-    return max(torque for _speed, torque in drive.card.torque_over_speed)
+    largest = max(torque for _speed, torque in drive.card.torque_over_speed)  # that was seen
+    return {'mujoco': _mujoco, 'mjlab': _mjlab}[form](drive, largest)
 
 
 def _joint(drive: LibraryDrive) -> dict[str, float]:
     """Attributes of the joint that the logs determine."""
     (group,) = drive.model.groups
     found = {'frictionloss': drive.card.frictionloss, 'damping': drive.card.damping}
-    effects = {
-        'frictionloss': 'coulomb_friction',
-        'damping': 'viscous_friction',
-        'armature': 'rotor_inertia',
-    }
-    for key, effect in effects.items():
+    friction = (('frictionloss', 'coulomb_friction'), ('damping', 'viscous_friction'))
+    for key, effect in (*friction, ('armature', 'rotor_inertia')):
         if effect in group.coefficients:
             found[key] = group.coefficients[effect][0].value
     return {key: value for key, value in found.items() if value}
@@ -155,18 +147,17 @@ def _joint(drive: LibraryDrive) -> dict[str, float]:
 def _head(drive: LibraryDrive, mark: str) -> list[str]:
     card = drive.card
     over_speed = ', '.join(f'{t:.3g} at {w:.3g}' for w, t in card.torque_over_speed)
-    lacking = [key for key in ('armature', 'damping', 'frictionloss') if key not in _joint(drive)]
     lines = [
         f'{drive.name}: {card.title}',
         f'identified by wattwalk from {card.source} ({card.licence})',
         f'torque in N·m seen over speed in rad/s: {over_speed}',
-        f'not determined by the logs: {", ".join(lacking)}' if lacking else '',
     ]
-    return [f'{mark}{line}' for line in lines if line]
+    if lacking := sorted({'armature', 'damping', 'frictionloss'} - {*_joint(drive)}):
+        lines.append(f'not determined by the logs: {", ".join(lacking)}')
+    return [f'{mark}{line}' for line in lines]
 
 
-def _mujoco(drive: LibraryDrive) -> str:
-    torque = _largest(drive)
+def _mujoco(drive: LibraryDrive, torque: float) -> str:
     joint = ''.join(f' {key}="{value:.6g}"' for key, value in _joint(drive).items())
     power = '\n'.join(f'      {line}' for line in power_function(drive).splitlines())
     head = '\n'.join(f'      {line}' for line in _head(drive, ''))
@@ -178,7 +169,7 @@ def _mujoco(drive: LibraryDrive) -> str:
     )
 
 
-def _mjlab(drive: LibraryDrive) -> str:
+def _mjlab(drive: LibraryDrive, torque: float) -> str:
     joint = _joint(drive)
     seen = ''.join(f'    ({w:.6g}, {t:.6g}),\n' for w, t in drive.card.torque_over_speed)
     fields = ''.join(
@@ -191,7 +182,7 @@ def _mjlab(drive: LibraryDrive) -> str:
         f'{drive.name.upper()} = IdealPdActuatorCfg(\n'
         "    target_names_expr=('.*',),\n    stiffness=0.0,  # of your controller\n"
         '    damping=0.0,  # of your controller\n'
-        f'    effort_limit={_largest(drive):.6g},\n{fields})\n'
+        f'    effort_limit={torque:.6g},\n{fields})\n'
         f'TORQUE_OVER_SPEED = (  # N·m that were seen up to rad/s\n{seen})\n\n\n'
         + power_function(drive)
     )

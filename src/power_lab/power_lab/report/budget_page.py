@@ -37,10 +37,9 @@ def write_budget(path: Path, budget: Budget) -> None:
         'Metered': f'{account.energy_wh:.3g} Wh',
         'Model': budget.origin,
     }
-    if budget.battery:
-        hours = account.runtime(budget.battery).get('all')
-        if hours is not None:
-            facts['Battery'] = f'{budget.battery:g} Wh last {hours["hours"]:.2f} h'
+    hours = account.runtime(budget.battery).get('all') if budget.battery else None
+    if hours is not None:
+        facts['Battery'] = f'{budget.battery:g} Wh last {hours["hours"]:.2f} h'
     page.facts(facts)
     page.text(
         'The parts add up to what was metered; what no effect of the model explains is a part of '
@@ -64,8 +63,8 @@ def write_budget(path: Path, budget: Budget) -> None:
     if budget.levers:
         page.heading('What would change it')
         page.text('Change of the mean power at the same motion of the joints; negative saves.')
-        signed = ((in_words(one.change), signed_w(one)) for one in budget.levers)
-        rows = [[change, f'{watts} W', interval] for change, (watts, interval) in signed]
+        signed = [(in_words(one.change), *signed_w(one)) for one in budget.levers]
+        rows = [[change, f'{watts} W', interval] for change, watts, interval in signed]
         page.table(['change', 'mean power', '90 % interval'], rows, numbers=(1, 2))
         for reason in budget.refused:
             page.text(f'Not carried over: {reason}.', faint=True)
@@ -144,9 +143,7 @@ def bars(account: Account) -> Figure:
     figure = Figure(figsize=(9, 1.6 + 0.5 * len(members)), layout='constrained')
     axes = figure.subplots()
     watts = [by_family(account, member) for member in members]
-    families = {
-        family: np.array([values.get(family, 0.0) for values in watts]) for family in FAMILIES
-    }
+    families = {key: np.array([own.get(key, 0.0) for own in watts]) for key in FAMILIES}
     for part, left, colour, looks in _stacked(families, least=1e-3):
         axes.barh(range(len(members)), part, left=left, height=0.7, color=colour, **looks)
     for place, member in enumerate(members):
@@ -227,9 +224,8 @@ def gait(cycle: GaitCyclePower) -> Figure:
         axes.fill_between(cycle.percent, begin, begin + band, facecolor=colour, lw=0, **looks)
     axes.plot(cycle.percent, cycle.metered, color='black', lw=2.0, label='metered')
     axes.axvspan(0.0, cycle.stance, ymax=0.03, color='#1a1a1a', lw=0)
-    place = axes.get_xaxis_transform()
-    text = 'foot on the ground until here'
-    axes.text(cycle.stance + 1.0, 0.015, text, transform=place, fontsize=9)
+    looks = {'transform': axes.get_xaxis_transform(), 'fontsize': 9}
+    axes.text(cycle.stance + 1.0, 0.015, 'foot on the ground until here', **looks)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel('gait cycle [%]')
     axes.set_ylabel('power of one leg [W]')
@@ -261,9 +257,8 @@ def _looks(colour: str) -> dict[str, Any]:
 def _legend(figure: Figure) -> None:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    figure.legend(
-        once.values(), once.keys(), loc='outside upper left', ncols=4, frameon=False, fontsize=9
-    )
+    looks = {'ncols': 4, 'frameon': False, 'fontsize': 9}
+    figure.legend(once.values(), once.keys(), loc='outside upper left', **looks)
 
 
 def _ribbon(
@@ -271,11 +266,8 @@ def _ribbon(
 ) -> None:
     (x0, y0), (x1, y1) = near, far
     middle = 0.5 * (x0 + x1)
-    points = [
-        *((x0, y0), (middle, y0), (middle, y1), (x1, y1)),
-        *((x1, y1 + height), (middle, y1 + height), (middle, y0 + height), (x0, y0 + height)),
-        (x0, y0),
-    ]
+    there = (x0, y0), (middle, y0), (middle, y1), (x1, y1)
+    points = [*there, *((x, y + height) for x, y in reversed(there)), (x0, y0)]
     curve = [Outline.CURVE4] * 3
     codes = [Outline.MOVETO, *curve, Outline.LINETO, *curve, Outline.CLOSEPOLY]
     looks = {'edgecolor': 'none', **_looks(colour)}

@@ -136,20 +136,11 @@ def problems(
             valid=blocks.valid[:, drive : drive + 1],
             use=blocks.use[..., drive : drive + 1],
         )
-        weight = float(fitter.weight[drive]) * REDUCED_RATE
-        out.append(
-            DriveProblem(
-                drive=drive,
-                columns=fit.design.columns[:, drive],
-                target=fit.target[:, drive],
-                lower=fit.design.lower[drive],
-                upper=fit.design.upper[drive],
-                ridge=weight / np.square(prior[drive]),
-                blocks=own,
-                folds=folds,
-                residual=residual[:, drive],
-            )
-        )
+        ridge = float(fitter.weight[drive]) * REDUCED_RATE / np.square(prior[drive])
+        columns, target = fit.design.columns[:, drive], fit.target[:, drive]
+        bounds = fit.design.lower[drive], fit.design.upper[drive]
+        left = residual[:, drive]
+        out.append(DriveProblem(drive, columns, target, *bounds, ridge, own, folds, left))
     return out
 
 
