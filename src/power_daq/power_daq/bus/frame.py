@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from itertools import accumulate
+from typing import Any, Final
 
 import numpy as np
 from cantools.database.can.database import Database
@@ -30,29 +31,58 @@ _CURRENTS: Final = ('A', 'mA')
 _LARGEST_STANDARD = 0x7FF
 
 
-@dataclass(frozen=True)
 class Frame:
     """A message of the DBC that carries samples: identifier, payload length, clock and counter.
 
     name: the message's, with the drive of its node. time and counter are None where the device
-    sends none. selector: multiplexer signal and its value for this frame.
+    sends none. selector: multiplexer signal and its value for this frame. Raises InputError for
+    a clock, counter or multiplexing that cannot be read.
     """
 
-    message: Message
-    name: str
-    identifier: int
-    is_extended: bool
-    clock: str
-    time: Signal | None
-    counter: Signal | None
-    ns_per_tick: float
-    size: int
-    selector: tuple[Signal, int] | None = None
+    def __init__(
+        self, database: Database, entry: FrameMapping, nodes: NodeNumbers | None = None
+    ) -> None:
+        messages = database.messages
+        message = _named(messages, entry.message, f'mapping {entry.where}: message', 'the DBC')
+        self.message: Message = message
+        self.name, self.identifier = message.name, message.frame_id
+        if entry.node is not None and nodes is not None:
+            number, drive = entry.node
+            self.identifier |= number << nodes.shift
+            self.name = f'{drive} {message.name}'
+        self.is_extended = message.is_extended_frame or self.identifier > _LARGEST_STANDARD
+        self.size = frame_length(message.length)
+        self.clock = entry.clock
+        self.time: Signal | None = None
+        self.counter: Signal | None = None
+        self.ns_per_tick = 1.0
+        names = [given.source for _, _, given in entry.quantities()]
+        if entry.time is not None and entry.counter is not None:
+            self.time = find_signal(message, entry.time, entry)
+            self.counter = find_signal(message, entry.counter, entry)
+            _check_head(self.time, self.counter, entry)
+            self.ns_per_tick = _TIME_UNITS[self.time.unit or ''] * float(self.time.scale)
+            names += [entry.time, entry.counter]
+        self.selector = _selector(message, names, entry)
 
     @property
     def key(self) -> int:
         """Identifier as SocketCAN writes it: bit 31 marks an extended one."""
         return self.identifier | self.is_extended << 31
+
+    @property
+    def head(self) -> list[Signal]:
+        """Clock, counter and multiplexer, as far as the frame has them."""
+        selector = None if self.selector is None else self.selector[0]
+        return [signal for signal in (self.time, self.counter, selector) if signal is not None]
+
+    def head_values(self, counter: int, device_us: int) -> list[int]:
+        """Return raw values of `head`; counter and clock wrap."""
+        values = []
+        if self.time is not None and self.counter is not None:
+            ticks = round(device_us * 1000 / self.ns_per_tick) % (1 << self.time.length)
+            values = [ticks, counter % (1 << self.counter.length)]
+        return values if self.selector is None else [*values, self.selector[1]]
 
 
 @dataclass(frozen=True)
@@ -79,75 +109,19 @@ class Route:
         return cls(frame.name, group, slot, frame.size, time, counter, frame.clock, selector)
 
 
-def head_values(frame: Frame, counter: int, device_us: int) -> list[int]:
-    """Return raw clock, counter and multiplexer of a frame, as far as it has them."""
-    head = []
-    if frame.time is not None and frame.counter is not None:
-        ticks = round(device_us * 1000 / frame.ns_per_tick) % (1 << frame.time.length)
-        head = [ticks, counter % (1 << frame.counter.length)]
-    return head if frame.selector is None else [*head, frame.selector[1]]
-
-
-def heads(frames: Sequence[Frame]) -> tuple[list[tuple[Signal, int]], list[float]]:
-    """Return the signals of `head_values`, with the first bytes of their frames, and 1/scale."""
-    placed: list[tuple[Signal, int]] = []
-    base = 0
-    for frame in frames:
-        selector = None if frame.selector is None else frame.selector[0]
-        head = [signal for signal in (frame.time, frame.counter, selector) if signal is not None]
-        placed += [(signal, base) for signal in head]
-        base += frame.size
-    return placed, [1 / float(signal.scale) for signal, _ in placed]
-
-
-def find_message(database: Database, entry: FrameMapping) -> Message:
-    """Return the message of an entry; InputError lists the messages of the DBC."""
-    for message in database.messages:
-        if message.name == entry.message:
-            return message
-    names = ', '.join(message.name for message in database.messages)
-    raise InputError(
-        f'mapping {entry.where}: message {entry.message!r} is not in the DBC; there are {names}'
-    )
-
-
 def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
     """Return the signal of a message; InputError lists its signals."""
-    for signal in message.signals:
-        if signal.name == name:
-            return signal
-    names = ', '.join(signal.name for signal in message.signals)
-    raise InputError(
-        f'mapping {entry.where}: signal {name!r} is not in message {message.name!r}; '
-        f'there are {names}'
-    )
+    what = f'mapping {entry.where}: signal'
+    signal: Signal = _named(message.signals, name, what, f'message {message.name!r}')
+    return signal
 
 
-def bind_frame(
-    message: Message, entry: FrameMapping, names: Sequence[str], nodes: NodeNumbers | None = None
-) -> Frame:
-    """Return a message as a frame; InputError for its clock, counter or multiplexing."""
-    heads = [name for name in (entry.time, entry.counter) if name is not None]
-    time, counter = None, None
-    if entry.time is not None and entry.counter is not None:
-        time, counter = (find_signal(message, name, entry) for name in heads)
-        _check_head(time, counter, entry)
-    identifier, name = message.frame_id, message.name
-    if entry.node is not None and nodes is not None:
-        number, drive = entry.node
-        identifier, name = identifier | number << nodes.shift, f'{drive} {name}'
-    return Frame(
-        message=message,
-        name=name,
-        identifier=identifier,
-        is_extended=message.is_extended_frame or identifier > _LARGEST_STANDARD,
-        clock=entry.clock,
-        time=time,
-        counter=counter,
-        ns_per_tick=1.0 if time is None else _TIME_UNITS[time.unit or ''] * float(time.scale),
-        size=frame_length(message.length),
-        selector=_selector(message, [*heads, *names], entry),
-    )
+def _named(items: Sequence[Any], name: str, what: str, place: str) -> Any:
+    for item in items:
+        if item.name == name:
+            return item
+    names = ', '.join(item.name for item in items)
+    raise InputError(f'{what} {name!r} is not in {place}; there are {names}')
 
 
 def _check_head(time: Signal, counter: Signal, entry: FrameMapping) -> None:
@@ -221,7 +195,7 @@ def check_shared(entry: FrameMapping) -> None:
 
 
 class FrameGroup:
-    """The frames of one sample of Q quantities of D drives.
+    """The frames of one sample of Q quantities of D drives; none of a frame that is all clock.
 
     Values are [Q, D] in SI units, in the order of `quantities` and `drives`; columns are the
     drives' indices among all drives of the bus; slots [Q, D] are the indices of the frames that
@@ -241,29 +215,26 @@ class FrameGroup:
         self.columns = np.array([drives.index(drive) for drive in self.drives], np.intp)
         mapped = {q for entry in mapping.frames for _, q, _ in entry.quantities()}
         optional = [q for q in OPTIONAL.get(self.name, ()) if q in mapped or q != 'power']
-        self.quantities = (*REQUIRED[self.name], *optional)
+        self.quantities = (*REQUIRED.get(self.name, ()), *optional)
         self.torque_at: dict[str, str] = {}
         self.torque_unit: dict[str, str] = {}
-        frames, signals, factors, places, bases, slots = [], [], [], [], [], []
-        base = 0
-        for slot, entry in enumerate(mapping.frames):
-            message = find_message(database, entry)
+        self.frames = tuple(Frame(database, entry, nodes) for entry in mapping.frames)
+        *bases, size = accumulate((frame.size for frame in self.frames), initial=0)
+        data: list[tuple[Signal, int]] = []
+        factors, places, slots = [], [], []
+        for slot, (entry, frame) in enumerate(zip(mapping.frames, self.frames, strict=True)):
             for drive, quantity, given in entry.quantities():
-                signal = find_signal(message, given.source, entry)
+                signal = find_signal(frame.message, given.source, entry)
                 row = self.quantities.index(quantity)
                 places.append(row * len(self.drives) + self.drives.index(drive))
-                signals.append(signal)
+                data.append((signal, bases[slot]))
                 factors.append(factor_of(signal, given, quantity, entry))
-                bases.append(base)
                 slots.append(slot)
                 if quantity == 'torque':
                     self._note_torque(drive, given, signal)
-            names = [given.source for _, _, given in entry.quantities()]
-            frames.append(bind_frame(message, entry, names, nodes))
             check_shared(entry)
-            base += frames[-1].size
-        self.frames = tuple(frames)
-        self.counter_bits = frames[0].counter.length if frames[0].counter is not None else None
+        counter = self.frames[0].counter
+        self.counter_bits = None if counter is None else counter.length
         self._check_frames(mapping)
         self._places = np.array(places, np.intp)
         self.slots = np.full(self.shape, -1)
@@ -272,11 +243,11 @@ class FrameGroup:
         if 'power' in mapped:
             self._powered = np.flatnonzero(self.slots[3] >= 0)
             self.slots[1, self._powered] = self.slots[3, self._powered]
-        data = list(zip(signals, bases, strict=True))
-        head_signals, head_factors = heads(frames)
+        heads = [(s, base) for f, base in zip(self.frames, bases, strict=True) for s in f.head]
+        head_factors = [1 / float(signal.scale) for signal, _ in heads]
         try:
-            self._layout = SignalLayout(data, base, factors)
-            self._encoder = SignalLayout(data + head_signals, base, factors + head_factors)
+            self._layout = SignalLayout(data, size, factors)
+            self._encoder = SignalLayout(data + heads, size, factors + head_factors)
         except LayoutError as error:
             raise InputError(f'mapping {mapping.frames[0].where}: {error}') from error
 
@@ -336,9 +307,7 @@ class FrameGroup:
 
     def encode(self, counter: int, device_us: int, values: ArrayLike) -> list[bytes]:
         """Return a payload per frame for values [Q, D]; counter and clock wrap."""
-        head: list[int] = []
-        for frame in self.frames:
-            head += head_values(frame, counter, device_us)
+        head = [n for frame in self.frames for n in frame.head_values(counter, device_us)]
         flat = self._flat(values)[self._places]
         payload = self._encoder.encode(np.concatenate([flat, head]))
         payloads = []

@@ -10,8 +10,6 @@ from wattwalk_core.arrays import Floats
 
 _EXACT_BITS = 53
 _FLOATS = {32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
-
-
 _FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
@@ -81,14 +79,14 @@ class SignalLayout:
         self,
         placed: Sequence[tuple[Signal, int]],
         size: int,
-        factors: Sequence[float] | None = None,
+        factors: Sequence[float] | float = 1.0,
     ) -> None:
         self.size = size
         signals = [signal for signal, _ in placed]
         positions = [[8 * base + bit for bit in bit_positions(signal)] for signal, base in placed]
         for signal, bits in zip(signals, positions, strict=True):
             _check(signal, bits, size)
-        si = np.ones(len(signals)) if factors is None else np.asarray(factors, float)
+        si = np.asarray(factors, float)
         self._scale = np.array([float(s.scale) for s in signals]) * si
         self._offset = np.array([float(s.offset) for s in signals]) * si
         self._floats = tuple(
@@ -104,22 +102,15 @@ class SignalLayout:
         half = 2.0 ** (length.astype(float) - 1)
         self._minimum = np.where(signed, -half, 0.0)
         self._maximum = np.where(signed, half, 2 * half) - 1
-        self._gather = np.array(
-            [
-                self._eight_bytes(signal, bits[0] // 8)
-                for signal, bits in zip(signals, positions, strict=True)
-            ]
-        )
+        first = np.array([bits[0] // 8 for bits in positions], np.intp)
+        step = np.array([1 if s.byte_order == 'little_endian' else -1 for s in signals], np.intp)
+        places = first[:, None] + step[:, None] * np.arange(8)
+        self._gather = np.where((places >= 0) & (places < size), places, size)
         self._target = np.array([bit for bits in positions for bit in bits], np.intp)
         self._source = np.array(
             [64 * row + bit for row, bits in enumerate(positions) for bit in range(len(bits))],
             np.intp,
         )
-
-    def _eight_bytes(self, signal: Signal, first: int) -> list[int]:
-        step = 1 if signal.byte_order == 'little_endian' else -1
-        places = [first + step * i for i in range(8)]
-        return [place if 0 <= place < self.size else self.size for place in places]
 
     def decode(self, payload: bytes) -> Floats:
         """Return the values [S] in SI units of a payload of `size` bytes."""
@@ -155,20 +146,14 @@ class SignalLayout:
     def encode(self, values: ArrayLike) -> bytes:
         """Return the payload of `size` bytes for values [S], clipped to the signals' ranges."""
         numbers = self._numbers(values)
-        raw = numbers.astype(np.int64) if not self._floats else self._mixed(numbers)
+        with np.errstate(invalid='ignore'):
+            raw = numbers.astype(np.int64)
+        for index, unsigned, real in self._floats:
+            raw[index] = numbers[index].astype(real).view(unsigned).astype(np.int64)
         bits = np.unpackbits(raw.view(np.uint8), bitorder='little')
         payload = np.zeros(8 * self.size, np.uint8)
         payload[self._target] = bits[self._source]
         return np.packbits(payload, bitorder='little').tobytes()
-
-    def _mixed(self, numbers: Floats) -> NDArray[np.int64]:
-        reals = np.concatenate([index for index, _, _ in self._floats])
-        integers = numbers.copy()
-        integers[reals] = 0
-        raw = integers.astype(np.int64)
-        for index, unsigned, real in self._floats:
-            raw[index] = numbers[index].astype(real).view(unsigned).astype(np.int64)
-        return raw
 
 
 def _check(signal: Signal, bits: list[int], size: int) -> None:
