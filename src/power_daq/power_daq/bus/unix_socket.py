@@ -1,7 +1,7 @@
 """A CAN FD bus over a Unix socket, for processes of a machine without vcan."""
 
 import os
-import select
+import selectors
 import socket
 import stat
 import struct
@@ -17,8 +17,9 @@ from can.bus import CanProtocol
 
 _TIME = struct.Struct('<Q')
 _HEAD = struct.Struct('<IBBxx')
-_EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
-_BITRATE_SWITCH, _ERROR_STATE, _FD = 1, 2, 4
+_REMOTE = 1 << 30
+_OF_IDENTIFIER = {'is_extended_id': 1 << 31, 'is_remote_frame': _REMOTE, 'is_error_frame': 1 << 29}
+_OF_FLAGS = {'bitrate_switch': 1, 'error_state_indicator': 2, 'is_fd': 4}
 _FRAMES_PER_PACKET = 256
 _PACKET_BYTES = _TIME.size + _FRAMES_PER_PACKET * (_HEAD.size + 64)
 _BUFFER_BYTES = 4 << 20
@@ -34,11 +35,9 @@ def pack(messages: Iterable[can.Message]) -> bytes:
     """
     parts: list[bytes | bytearray] = [_TIME.pack(time.time_ns())]
     for m in messages:
-        identifier = m.arbitration_id | (_EXTENDED if m.is_extended_id else 0)
-        identifier |= (_REMOTE if m.is_remote_frame else 0) | (_ERROR if m.is_error_frame else 0)
-        flags = (_FD if m.is_fd else 0) | (_BITRATE_SWITCH if m.bitrate_switch else 0)
-        flags |= _ERROR_STATE if m.error_state_indicator else 0
-        parts += [_HEAD.pack(identifier, m.dlc, flags), m.data]
+        marks = sum(bit for name, bit in _OF_IDENTIFIER.items() if getattr(m, name))
+        flags = sum(bit for name, bit in _OF_FLAGS.items() if getattr(m, name))
+        parts += [_HEAD.pack(m.arbitration_id | marks, m.dlc, flags), m.data]
     return b''.join(parts)
 
 
@@ -62,15 +61,11 @@ def unpack(packet: bytes, channel: str) -> list[can.Message]:
             can.Message(
                 timestamp=timestamp,
                 arbitration_id=identifier & 0x1FFFFFFF,
-                is_extended_id=bool(identifier & _EXTENDED),
-                is_remote_frame=bool(identifier & _REMOTE),
-                is_error_frame=bool(identifier & _ERROR),
                 channel=channel,
                 dlc=length,
                 data=data,
-                is_fd=bool(flags & _FD),
-                bitrate_switch=bool(flags & _BITRATE_SWITCH),
-                error_state_indicator=bool(flags & _ERROR_STATE),
+                **{name: bool(identifier & bit) for name, bit in _OF_IDENTIFIER.items()},
+                **{name: bool(flags & bit) for name, bit in _OF_FLAGS.items()},
             )
         )
     return messages
@@ -138,7 +133,7 @@ class UnixSocketBus(can.BusABC):
 
     def fileno(self) -> int:
         """Return a descriptor that becomes readable when frames arrive."""
-        return self._end.fileno()
+        return self._end.endpoint.fileno()
 
     @property
     def statistics(self) -> HostStatistics:
@@ -158,38 +153,39 @@ def _new_socket() -> socket.socket:
     return end
 
 
-def _milliseconds(timeout: float | None) -> float | None:
-    return None if timeout is None else max(0.0, timeout * 1000)
+def _polling(end: socket.socket, event: int) -> selectors.PollSelector:
+    selector = selectors.PollSelector()
+    selector.register(end, event)
+    return selector
 
 
 class _Client:
     def __init__(self, path: str) -> None:
         self._path = path
-        self._socket = _new_socket()
+        self.endpoint = _new_socket()
         try:
-            self._socket.connect(path)
+            self.endpoint.connect(path)
         except OSError as error:
-            self._socket.close()
+            self.endpoint.close()
             raise can.CanInitializationError(
                 f'no unixsocket bus at {path!r}: {error.strerror or error}'
             ) from error
-        self._readable, self._writable = select.poll(), select.poll()
-        self._readable.register(self._socket, select.POLLIN)
-        self._writable.register(self._socket, select.POLLOUT)
+        self._readable = _polling(self.endpoint, selectors.EVENT_READ)
+        self._writable = _polling(self.endpoint, selectors.EVENT_WRITE)
 
     def send(self, packet: bytes, frames: int, timeout: float | None) -> None:
         try:
-            if not self._writable.poll(_milliseconds(timeout)):
+            if not self._writable.select(timeout):
                 raise can.CanTimeoutError(f'no room on unixsocket bus {self._path!r}')
-            self._socket.send(packet)
+            self.endpoint.send(packet)
         except OSError as error:
             raise self._gone() from error
 
     def receive(self, timeout: float | None) -> list[bytes]:
         try:
-            if not self._readable.poll(_milliseconds(timeout)):
+            if not self._readable.select(timeout):
                 return []
-            packet = self._socket.recv(_PACKET_BYTES)
+            packet = self.endpoint.recv(_PACKET_BYTES)
         except BlockingIOError:
             return []
         except OSError as error:
@@ -201,14 +197,11 @@ class _Client:
     def _gone(self) -> can.CanOperationError:
         return can.CanOperationError(f'the host of unixsocket bus {self._path!r} is gone')
 
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
     def statistics(self) -> HostStatistics:
         return HostStatistics(0, 0, ())
 
     def close(self) -> None:
-        self._socket.close()
+        self.endpoint.close()
 
 
 class _Host:
@@ -218,20 +211,18 @@ class _Host:
         self._disconnected = 0
         self._inbox: deque[bytes] = deque(maxlen=_HOST_QUEUE)
         self._next_service = 0.0
-        self._listener = _new_socket()
+        self.endpoint = _new_socket()
         try:
             self._remove_stale_socket()
-            self._listener.bind(path)
+            self.endpoint.bind(path)
             Path(path).chmod(0o600)
-            self._listener.listen(16)
+            self.endpoint.listen(16)
         except OSError as error:
-            self._listener.close()
+            self.endpoint.close()
             raise can.CanInitializationError(
                 f'cannot host a unixsocket bus at {path!r}: {error.strerror or error}'
             ) from error
-        self._poll = select.poll()
-        self._poll.register(self._listener, select.POLLIN)
-        self._clients: dict[int, socket.socket] = {}
+        self._readable = _polling(self.endpoint, selectors.EVENT_READ)
 
     def _remove_stale_socket(self) -> None:
         """Delete the socket file of a killed host, and no other file."""
@@ -266,24 +257,24 @@ class _Host:
             except OSError:
                 self._forget(client)
 
-    def _service(self, milliseconds: float | None) -> None:
-        for descriptor, _ in self._poll.poll(milliseconds):
-            if descriptor == self._listener.fileno():
+    def _service(self, timeout: float | None) -> None:
+        for key, _ in self._readable.select(timeout):
+            end = key.fileobj
+            assert isinstance(end, socket.socket)
+            if end is self.endpoint:
                 self._accept()
-            else:
-                for _ in range(_PACKETS_PER_SERVICE):
-                    client = self._clients.get(descriptor)
-                    if client is None or not self._read(client):
-                        break
+                continue
+            for _ in range(_PACKETS_PER_SERVICE):
+                if end not in self._dropped or not self._read(end):
+                    break
 
     def _accept(self) -> None:
         with suppress(OSError):
-            client, _ = self._listener.accept()
+            client, _ = self.endpoint.accept()
             client.setblocking(False)
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
+            self._readable.register(client, selectors.EVENT_READ)
             self._dropped[client] = 0
-            self._clients[client.fileno()] = client
-            self._poll.register(client, select.POLLIN)
 
     def _read(self, client: socket.socket) -> bool:
         """Forward a client's packet; return whether there was one."""
@@ -302,29 +293,24 @@ class _Host:
     def _forget(self, client: socket.socket) -> None:
         if self._dropped.pop(client, None) is not None:
             self._disconnected += 1
-            self._poll.unregister(client)
-            del self._clients[client.fileno()]
+            self._readable.unregister(client)
             client.close()
 
     def receive(self, timeout: float | None) -> list[bytes]:
         if not self._inbox:
-            self._service(_milliseconds(timeout))
+            self._service(timeout)
         packets = list(self._inbox)
         self._inbox.clear()
         return packets
-
-    def fileno(self) -> int:
-        return self._listener.fileno()
 
     def statistics(self) -> HostStatistics:
         dropped = tuple(self._dropped.values())
         return HostStatistics(len(dropped), self._disconnected, dropped)
 
     def close(self) -> None:
-        self._listener.close()
+        self.endpoint.close()
         with suppress(OSError):
             os.unlink(self._path)
         for client in list(self._dropped):
             client.close()
         self._dropped.clear()
-        self._clients.clear()
