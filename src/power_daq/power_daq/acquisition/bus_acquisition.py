@@ -217,23 +217,9 @@ class Acquisition(DeviceWorker):
 _RATE_SLACK = 0.02
 _NAMED = 4
 _FAULTS = (
-    *(
-        ' lost',
-        ' missing',
-        ' jumps',
-        ' duplicates',
-        ' dropped unpublished',
-        ' not finite',
-        ' refused',
-    ),
-    *(
-        'queries unsent',
-        'error frames',
-        'malformed packets',
-        'wrong length',
-        'unknown',
-        'steps of the system clock',
-    ),
+    *(' lost', ' missing', ' jumps', ' duplicates', ' not finite', ' refused', 'queries unsent'),
+    *(' dropped unpublished', 'error frames', 'malformed packets', 'wrong length', 'unknown'),
+    'steps of the system clock',
 )
 
 
@@ -247,17 +233,14 @@ class BusHealth:
         description: BusDescription,
         settings: BusSettings,
     ) -> None:
-        self._acquisition = acquisition
-        self._queue = queue
-        self._description = description
-        self._settings = settings
+        self._acquisition, self._queue = acquisition, queue
+        self._description, self._settings = description, settings
         self._changes = CountChanges()
         self._interleavers = {
             name: assembler
             for name, assembler in acquisition.receiver.assemblers.items()
             if isinstance(assembler, Interleaver)
         }
-        self._on_receipt = bool(self._interleavers)
 
     def _counts(self) -> dict[str, float]:
         receiver = self._acquisition.receiver
@@ -292,15 +275,13 @@ class BusHealth:
         """Return the state since the report before; now in s on a steady clock."""
         counts = self._counts()
         news, span = self._changes.since_last(counts, now)
-        rates = {}
-        if span > 0:
-            groups = self._description.groups
-            rates = {name: news[f'{name} samples'] / span for name in groups}
         figures = {'bus': f'{self._settings.interface} {self._settings.channel}'}
         figures['bus state'] = self._acquisition.state.value
+        rates: dict[str, float] = {}
         if span > 0:
             load = self._settings.load(news['frames'] / span, news['payload bytes'] / span)
             figures['bus load [%]'] = f'{100 * load:.1f}'
+            rates = {name: news[f'{name} samples'] / span for name in self._description.groups}
         figures |= {f'{name} rate [Hz]': f'{rate:.1f}' for name, rate in rates.items()}
         figures |= self._clock_figures()
         figures |= {name: f'{value:.0f}' for name, value in counts.items()}
@@ -310,8 +291,7 @@ class BusHealth:
             figures[f'unknown id {key & 0x1FFFFFFF:#x}'] = str(count)
         for what, count in receiver.wrong_lengths.most_common(_NAMED):
             figures[f'wrong length {what}'] = str(count)
-        level, sentence = self._judge(news, rates)
-        return Report(level, sentence, figures)
+        return Report(*self._judge(news, rates), figures)
 
     def _clock_figures(self) -> dict[str, str]:
         figures = {}
@@ -320,7 +300,7 @@ class BusHealth:
             figures[f'clock {name} drift [ppm]'] = f'{-1e6 * clock.drift:.2f}'
             figures[f'clock {name} mean delay [us]'] = f'{1e-3 * clock.delay_mean:.0f}'
             figures[f'clock {name} worst delay [us]'] = f'{1e-3 * clock.delay_worst:.0f}'
-        if self._on_receipt:
+        if self._interleavers:
             groups = ', '.join(self._interleavers)
             figures['stamps'] = f'{groups}: on receipt, the device sends no time'
         offset = self._acquisition.receiver.ros_time.offset
@@ -344,7 +324,7 @@ class BusHealth:
             nominal = self._description.groups[name].rate
             if nominal >= 100 and abs(rate - nominal) > _RATE_SLACK * nominal:
                 return Level.WARN, f'{name} at {rate:.0f} Hz, not {nominal:.0f} Hz'
-        return Level.OK, 'measuring' + (', stamped on receipt' if self._on_receipt else '')
+        return Level.OK, 'measuring' + (', stamped on receipt' if self._interleavers else '')
 
     def _silent_frames(self) -> str:
         """Frames without device clock that do not come, with the comment that the DBC has."""
@@ -352,9 +332,9 @@ class BusHealth:
         found: dict[str, None] = {}
         for name, interleaver in self._interleavers.items():
             frames = self._description.groups[name].frames
-            for slot in interleaver.merger.silent(now):
+            for slot in interleaver.silent(now):
                 # A drive without thermistor sends no temperature.
-                if name != 'temperature' or interleaver.merger.seen(slot):
+                if name != 'temperature' or interleaver.seen(slot):
                     note = ' '.join((frames[slot].message.comment or '').split())
                     found[frames[slot].name + (f' ({note})' if note else '')] = None
         more = f' and {len(found) - _NAMED} more' if len(found) > _NAMED else ''

@@ -15,9 +15,7 @@ from power_recordings.reading.ordering import GAP
 T = TypeVar('T')
 _REMEMBERED = 512  # rows of a stream that wait for another one
 _INTERVALS = 15
-CYCLIC = (
-    1.75  # periods between rows of a cyclic sender that lie apart by a lost one, not a late one
-)
+CYCLIC = 1.75  # periods between rows of a cyclic sender from which on one is lost, not late
 
 
 class MergedRow(NamedTuple, Generic[T]):
@@ -29,9 +27,9 @@ class MergedRow(NamedTuple, Generic[T]):
 
     number: int
     time: int
-    left: list[T]
-    right: list[T]
-    weight: list[float]
+    left: tuple[T, ...]
+    right: tuple[T, ...]
+    weight: tuple[float, ...]
 
 
 @dataclass
@@ -140,12 +138,9 @@ class StreamMerger(Generic[T]):
         if time - self._newest > GAP * own.period:
             self._resumed = time
         self._newest = max(self._newest, time)
-        merged: list[MergedRow[T]] = []
         if self._begin is None and not self._has_begun():
-            return merged
-        while (complete := self._next()) is not None:
-            merged.append(complete)
-        return merged
+            return []
+        return list(iter(self._next, None))
 
     def _has_begun(self) -> bool:
         """Return whether all streams have a row, or are no longer waited for."""
@@ -163,12 +158,9 @@ class StreamMerger(Generic[T]):
         if time is None or any(stream.rows[-1][0] < time for stream in waited):
             return None
         number = self._number(time, reference.period)
-        left, right, weight = [], [], []
+        nothing = self._empty, self._empty, nan
+        left, right, weight = zip(*(s.at(time) or nothing for s in self._streams), strict=True)
         for stream in self._streams:
-            found = stream.at(time) or (self._empty, self._empty, nan)
-            left.append(found[0])
-            right.append(found[1])
-            weight.append(found[2])
             stream.forget(time)
         return MergedRow(number, time, left, right, weight)
 

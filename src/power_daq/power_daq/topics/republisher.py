@@ -211,7 +211,7 @@ class LiveGroup:
             for time, numbers in zip(stamps.tolist(), rows, strict=True)
         ]
 
-    def _flat(self, rows: list[Floats | None]) -> Floats:
+    def _flat(self, rows: Sequence[Floats | None]) -> Floats:
         streams = zip(rows, self._streams, strict=True)
         return np.concatenate([s.unknown if row is None else row for row, s in streams])
 
