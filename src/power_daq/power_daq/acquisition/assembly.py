@@ -1,5 +1,6 @@
 """Assembly of samples from frames by their counters, and the count of lost samples."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from wattwalk_core.arrays import Bools, Floats
@@ -23,15 +24,12 @@ class Assembled(NamedTuple):
     stale: Bools | None = None
 
 
+@dataclass
 class _Open:
     """An incomplete sample."""
 
-    __slots__ = ('device_time', 'missing', 'payloads')
-
-    def __init__(self, slots: int) -> None:
-        self.payloads: list[bytes] = [b''] * slots
-        self.missing = slots
-        self.device_time = 0
+    payloads: list[bytes]
+    device_time: int = 0
 
 
 class _Seen(NamedTuple):
@@ -92,17 +90,14 @@ class Assembler:
             return None
         if self._slots == 1:
             return self._complete(index, device_time, [payload])
-        part = self._open.get(index)
-        if part is None:
-            part = self._open[index] = _Open(self._slots)
+        part = self._open.setdefault(index, _Open([b''] * self._slots))
         if part.payloads[slot]:
             self.duplicates += 1
             return None
         part.payloads[slot] = payload
-        part.missing -= 1
         if slot == 0:
             part.device_time = device_time
-        if not part.missing:
+        if all(part.payloads):
             return self._complete(index, part.device_time, part.payloads)
         if len(self._open) > _OPEN_SAMPLES:
             self._close(min(self._open))

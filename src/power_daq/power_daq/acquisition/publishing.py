@@ -78,9 +78,7 @@ class SupplyPublisher:
         _set_stamp(message.header, first.stamp)
         message.sequence = first.sequence
         message.device_time = array('Q', [max(0, sample.device_time) for sample in samples])
-        values = first.values
-        if len(samples) > 1:
-            values = np.concatenate([sample.values for sample in samples], axis=1)
+        values = np.concatenate([sample.values for sample in samples], axis=1)
         packed = values.astype(np.float32)
         message.voltage = array('f', packed[0].tobytes())
         message.current = array('f', packed[1].tobytes())

@@ -54,17 +54,16 @@ def assert_settings(
     """
     changed: list[str] = []
     for place, kind in enumerate(wanted):
-        for index, subindex, value, meaning in kind.settings:
+        for index, subindex, meaning in kind.settings():
             if stopped():
                 return changed
-            if _read(segment, place, index, subindex) == value:
+            if not _read(segment, place, index, subindex):
                 continue
-            segment.write(place, index, subindex, bytes([value]))
-            found = _read(segment, place, index, subindex)
-            if found != value:
+            segment.write(place, index, subindex, b'\0')
+            if found := _read(segment, place, index, subindex):
                 raise SegmentError(
                     f'{meaning} of {kind.name} at position {place} cannot be switched off: '
-                    f'{index:#06x}:{subindex:02x} was set to {value} and is {found}'
+                    f'{index:#06x}:{subindex:02x} was set to 0 and is {found}'
                 )
             changed.append(f'{meaning} of {kind.name} at {place} ({index:#06x}) switched off')
     return changed
@@ -73,11 +72,11 @@ def assert_settings(
 def check_inputs(segment: SoemSegment, wanted: Sequence[TerminalType]) -> None:
     """Raise SegmentError for a terminal whose process data have another size."""
     for place, kind in enumerate(wanted):
-        size = len(segment.inputs(place))
-        if size != kind.input_bytes:
+        size, wanted_size = len(segment.inputs(place)), 4 * kind.channels
+        if size != wanted_size:
             raise SegmentError(
                 f'{kind.name} at position {place} has {size} bytes of inputs, not '
-                f'{kind.input_bytes}: give it the standard process data with status '
+                f'{wanted_size}: give it the standard process data with status '
                 '(0x1C13 = 0x1A00, 0x1A02); revisions up to 0x0016 have none such'
             )
 
@@ -141,10 +140,8 @@ class SegmentAcquisition(DeviceWorker):
         self._offset = np.array([channel.offset for channel in self._channels])
         if calibration is not None:
             gain = calibration.gain.ravel()
-            self._ratio, self._offset = (
-                gain * self._ratio,
-                gain * self._offset + calibration.offset.ravel(),
-            )
+            self._ratio = gain * self._ratio
+            self._offset = gain * self._offset + calibration.offset.ravel()
         self._toggles: list[bool | None] = [None] * len(self._channels)
         self._slots = Slots(mapping.cycle)
         super().__init__('ethercat', self._patience.first_retry, self._patience.last_retry)
@@ -208,7 +205,13 @@ class SegmentAcquisition(DeviceWorker):
                 triggered = middle
             bad = bad + 1 if counter < expected else 0
             if bad >= self._patience.bad_cycles:
-                raise SegmentError(_missing(counter, expected, bad))
+                if counter < 0:
+                    what = f'no frame came back for {bad} cycles: check the cable to the coupler'
+                    raise SegmentError(what)
+                raise SegmentError(
+                    f'working counter {counter} instead of {expected} for {bad} cycles: '
+                    'a slave has dropped out'
+                )
 
     def _read_channels(self, segment: SoemSegment, incomplete: bool) -> tuple[Floats, Flags]:
         """Return volts and flags of each channel in the last frame."""
@@ -228,31 +231,17 @@ class SegmentAcquisition(DeviceWorker):
         return values, flags
 
     def _emit(self, slot: int, triggered: int, values: Floats, flags: Flags) -> None:
-        self._count(flags)
+        counts, seen = self.counts, np.bitwise_or.reduce(flags)
+        counts.stale += bool(seen & DriveSupply.STALE)
+        counts.underrange += bool(seen & DriveSupply.UNDERRANGE)
+        counts.overrange += bool(seen & DriveSupply.OVERRANGE)
+        counts.device_errors += bool(seen & DriveSupply.DEVICE_ERROR)
         voltage, current = np.split(values * self._ratio + self._offset, 2)
         status = np.bitwise_or(*np.split(flags, 2))
         stamp = self._stamper.of(triggered)
-        self.counts.cycles += 1
+        counts.cycles += 1
         packed = np.stack([voltage, current, status.astype(np.float64)])
         self._sink(Sample('electrical', slot, stamp, triggered, packed))
-
-    def _count(self, flags: Flags) -> None:
-        if not flags.any():
-            return
-        counts = self.counts
-        counts.stale += bool((flags & DriveSupply.STALE).any())
-        counts.underrange += bool((flags & DriveSupply.UNDERRANGE).any())
-        counts.overrange += bool((flags & DriveSupply.OVERRANGE).any())
-        counts.device_errors += bool((flags & DriveSupply.DEVICE_ERROR).any())
-
-
-def _missing(counter: int, expected: int, cycles: int) -> str:
-    if counter < 0:
-        return f'no frame came back for {cycles} cycles: check the cable to the coupler'
-    return (
-        f'working counter {counter} instead of {expected} for {cycles} cycles: '
-        'a slave has dropped out'
-    )
 
 
 _RATE_SLACK = 0.02

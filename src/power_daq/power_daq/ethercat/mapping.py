@@ -100,10 +100,10 @@ def _check_channels(
         if entry.drive in names[:index]:
             raise InputError(f'{row}: drive {entry.drive!r} is there twice')
         for quantity, place in (('voltage', entry.voltage), ('current', entry.current)):
-            try:
-                before = used.setdefault(_key(place, segment), (quantity, entry.drive))
-            except ValueError as error:
-                raise InputError(f'{row}.{quantity}.{error}') from None
+            if wrong := _wrong(place, segment):
+                raise InputError(f'{row}.{quantity}.{wrong}')
+            key = place.terminal, place.channel
+            before = used.setdefault(key, (quantity, entry.drive))
             if before != (quantity, entry.drive) and not before[0] == quantity == 'voltage':
                 raise InputError(
                     f'{row}.{quantity}: channel {place.channel} of terminal {place.terminal} is '
@@ -111,14 +111,14 @@ def _check_channels(
                 )
 
 
-def _key(place: ChannelMapping, segment: tuple[TerminalType, ...]) -> tuple[int, int]:
-    """Return terminal and channel; ValueError where the segment does not have them."""
-    wrong = '{}: expected a whole number from {} to {}, there is {}'
+def _wrong(place: ChannelMapping, segment: tuple[TerminalType, ...]) -> str:
+    """Return what the segment does not have of a terminal and channel, '' if it has both."""
+    expected = '{}: expected a whole number from {} to {}, there is {}'
     if not 0 <= place.terminal < len(segment):
-        raise ValueError(wrong.format('terminal', 0, len(segment) - 1, place.terminal))
+        return expected.format('terminal', 0, len(segment) - 1, place.terminal)
     kind = segment[place.terminal]
     if not kind.channels:
-        raise ValueError(f'terminal: {kind.name} at {place.terminal} measures nothing')
+        return f'terminal: {kind.name} at {place.terminal} measures nothing'
     if not 1 <= place.channel <= kind.channels:
-        raise ValueError(wrong.format('channel', 1, kind.channels, place.channel))
-    return place.terminal, place.channel
+        return expected.format('channel', 1, kind.channels, place.channel)
+    return ''

@@ -2,8 +2,8 @@
 
 import importlib
 import socket
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from types import ModuleType
 from typing import Any
 
@@ -43,13 +43,13 @@ class SoemSegment:
         limits.ret = self._timeout
         for name in ('safe', 'eeprom', 'tx_mailbox', 'rx_mailbox', 'state'):
             setattr(limits, name, max(getattr(limits, name), 20 * self._timeout))
-        self._mailbox = max(round(_US * _MAILBOX_TIMEOUT), 20 * self._timeout)
+        self._mailbox_timeout = max(round(_US * _MAILBOX_TIMEOUT), 20 * self._timeout)
         self._master: Any = None
 
     def find(self) -> Sequence[SlaveIdentity]:
         """Open the interface and return the slaves' identities; SegmentError if none answers."""
         master = self._soem.Master()
-        master.sdo_read_timeout = master.sdo_write_timeout = self._mailbox
+        master.sdo_read_timeout = master.sdo_write_timeout = self._mailbox_timeout
         try:
             master.open(self._interface)
         except ConnectionError as error:
@@ -74,10 +74,8 @@ class SoemSegment:
 
     def read(self, slave: int, index: int, subindex: int) -> bytes:
         """Return the bytes of an object (SDO upload); SegmentError if the slave refuses."""
-        try:
+        with self._mailbox('read', slave, index, subindex):
             return bytes(self._master.slaves[slave].sdo_read(index, subindex, release_gil=True))
-        except self._mailbox_errors as error:
-            raise self._refused('read', slave, index, subindex, error) from error
 
     def write(self, slave: int, index: int, subindex: int, value: bytes) -> None:
         """Write an object of a slave (SDO download) and wait for its answer.
@@ -85,22 +83,18 @@ class SoemSegment:
         slave: position on the segment, from 0. value: the object's bytes, little-endian.
         SegmentError if the slave refuses or does not answer.
         """
-        try:
+        with self._mailbox('written', slave, index, subindex):
             self._master.slaves[slave].sdo_write(index, subindex, value, release_gil=True)
-        except self._mailbox_errors as error:
-            raise self._refused('written', slave, index, subindex, error) from error
 
-    @property
-    def _mailbox_errors(self) -> tuple[type[Exception], ...]:
+    @contextmanager
+    def _mailbox(self, what: str, slave: int, index: int, subindex: int) -> Iterator[None]:
         soem = self._soem
-        return soem.SdoError, soem.MailboxError, soem.PacketError, soem.WkcError
-
-    def _refused(
-        self, what: str, slave: int, index: int, subindex: int, error: Exception
-    ) -> SegmentError:
-        reason = getattr(error, 'desc', None) or 'no answer from its mailbox'
-        place = f'{index:#06x}:{subindex:02x} of the slave at position {slave}'
-        return SegmentError(f'{place} cannot be {what}: {reason}')
+        try:
+            yield
+        except (soem.SdoError, soem.MailboxError, soem.PacketError, soem.WkcError) as error:
+            reason = getattr(error, 'desc', None) or 'no answer from its mailbox'
+            place = f'{index:#06x}:{subindex:02x} of the slave at position {slave}'
+            raise SegmentError(f'{place} cannot be {what}: {reason}') from error
 
     def operate(self) -> int:
         """Bring all slaves to OP; return the working counter of a complete exchange.

@@ -4,7 +4,7 @@ EL3102: two differential inputs of ±10 V, 16 bit. Each channel has a status wor
 bits as in Beckhoff's documentation of the EL31xx, object 0x60n0 (AI inputs).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +21,15 @@ _FLAGS = (
 )
 
 
+_SWITCHED_OFF = {
+    0x01: 'user scaling',
+    0x02: 'presentation other than signed',
+    0x06: 'filter',
+    0x0A: 'user calibration',
+}
+"""Settings of a channel, by subindex, with which it would measure something else."""
+
+
 class SlaveIdentity(NamedTuple):
     """Identity of a slave by its EEPROM."""
 
@@ -28,15 +37,6 @@ class SlaveIdentity(NamedTuple):
     product: int
     revision: int = 0
     name: str = ''
-
-
-class Setting(NamedTuple):
-    """Object of one byte, and the value it must have for correct measurements."""
-
-    entry: int
-    subindex: int
-    value: int
-    meaning: str
 
 
 class ChannelReading(NamedTuple):
@@ -50,17 +50,21 @@ class ChannelReading(NamedTuple):
 
 @dataclass(frozen=True)
 class TerminalType:
-    """A type of slave: identity, channels, bytes of inputs and required settings."""
+    """A type of slave: identity, and channels of four bytes of inputs each."""
 
     name: str
     vendor: int
     product: int
     channels: int = 0
-    input_bytes: int = 0
-    settings: tuple[Setting, ...] = ()
 
     def __str__(self) -> str:
-        return f'{self.name} (vendor {self.vendor:#x}, product {self.product:#010x})'
+        return describe(SlaveIdentity(self.vendor, self.product))
+
+    def settings(self) -> Iterator[tuple[int, int, str]]:
+        """Yield index, subindex and meaning of the objects of one byte that have to be 0."""
+        for channel in range(self.channels):
+            for subindex, meaning in _SWITCHED_OFF.items():
+                yield 0x8000 + 0x10 * channel, subindex, meaning
 
     def is_it(self, found: SlaveIdentity) -> bool:
         """Return whether a slave is of this type."""
@@ -77,23 +81,8 @@ class TerminalType:
         )
 
 
-def _settings(channel: int) -> tuple[Setting, ...]:
-    index = 0x8000 + 0x10 * (channel - 1)
-    return (
-        Setting(index, 0x01, 0, 'user scaling'),
-        Setting(index, 0x02, 0, 'presentation other than signed'),
-        Setting(index, 0x06, 0, 'filter'),
-        Setting(index, 0x0A, 0, 'user calibration'),
-    )
-
-
-TYPES: Mapping[str, TerminalType] = {
-    kind.name: kind
-    for kind in (
-        TerminalType('EK1100', 0x2, 0x044C2C52),
-        TerminalType('EL3102', 0x2, 0x0C1E3052, 2, 8, (*_settings(1), *_settings(2))),
-    )
-}
+_KINDS = TerminalType('EK1100', 0x2, 0x044C2C52), TerminalType('EL3102', 0x2, 0x0C1E3052, 2)
+TYPES: Mapping[str, TerminalType] = {kind.name: kind for kind in _KINDS}
 
 
 def describe(found: SlaveIdentity) -> str:
