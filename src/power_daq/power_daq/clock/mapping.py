@@ -16,7 +16,6 @@ from threading import Event
 _MS = 1_000_000
 _S = 1_000_000_000
 
-
 # Limits between noise and changes of the clocks; in ns unless stated otherwise.
 _BIN = 100 * _MS  # interval of which the least delayed frame is kept
 _WINDOW = 200  # bins that are fitted
@@ -179,9 +178,7 @@ class ClockMapping:
         self._points.append((x - self._start, y - self._base))
         self._floors.append(self._least)
         if len(self._floors) == _SHIFT_BINS and min(self._floors) > _SHIFT:
-            kept = list(self._points)[-_RECENT:]
-            self._points.clear()
-            self._points.extend(kept)
+            self._points = deque(list(self._points)[-_RECENT:], _WINDOW)
             self._floors.clear()
         published = self._published(device)
         self._fit(device)
@@ -231,7 +228,7 @@ class RosTime:
     """Conversion of the steady clock to the system clock.
 
     Their difference is measured again and again, so that stamps agree with the ROS time of other
-    nodes. A step of more than `step` ns is counted and begins a new epoch, in which stamps may
+    nodes. A step of more than 1 ms is counted and begins a new epoch, in which stamps may
     repeat.
     """
 
@@ -239,11 +236,9 @@ class RosTime:
         self,
         now: Callable[[], int] = time.time_ns,
         steady: Callable[[], int] = time.monotonic_ns,
-        step: int = _MS,
         period: int = 100 * _MS,
     ) -> None:
-        self._now, self._steady = now, steady
-        self._step, self._period = step, period
+        self._now, self._steady, self._period = now, steady, period
         self.steps = 0
         self.offset = self._measure()
         self._next = steady() + period
@@ -264,7 +259,7 @@ class RosTime:
             return
         self._next = steady + self._period
         offset = self._measure()
-        if abs(offset - self.offset) > self._step:
+        if abs(offset - self.offset) > _MS:
             self.steps += 1
         self.offset = offset
 

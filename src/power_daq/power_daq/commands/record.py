@@ -49,9 +49,7 @@ def topics_of(given: Sequence[str] | None) -> dict[str, str]:
     chosen: dict[str, str] = {}
     for text in given or TYPES:
         name, _, type_name = text.partition(':')
-        known = TYPES.get(name.rsplit('/', 1)[-1])
-        if type_name:
-            known = full_name(type_name)
+        known = full_name(type_name) if type_name else TYPES.get(name.rsplit('/', 1)[-1])
         if known is None:
             raise InputError(
                 f'unknown topic {name!r}: give its type as in {name}:std_msgs/String, '

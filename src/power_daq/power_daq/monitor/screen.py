@@ -14,7 +14,7 @@ from rich.text import Text
 from wattwalk_core.files import write_whole
 from wattwalk_core.recent_power import SECONDS
 
-from power_daq.monitor.state import DriveView, StatusReport, View
+from power_daq.monitor.state import StatusReport, View
 
 _EIGHTHS = ' ▏▎▍▌▋▊▉'
 _LEAST_BAR, _SIDE, _LINE = 6, 34, 200
@@ -63,24 +63,21 @@ class Screen:
         table.add_column('°C', justify='right', no_wrap=True)
         table.add_column('status', no_wrap=True, overflow='ellipsis')
         for drive in view.drives:
-            table.add_row(*self._row(drive, bar, plain))
+            good = drive.status in ('ok', '')
+            table.add_row(
+                drive.name,
+                _watts(drive.power),
+                _bar(drive.power, self._scale, bar, plain),
+                _watts(drive.estimate),
+                _number(drive.temperature, 1),
+                Text(drive.status or '-', style='' if good else 'bold ' + _ORANGE),
+            )
         return table
-
-    def _row(self, drive: DriveView, bar: int, plain: bool) -> tuple[str | Text, ...]:
-        good = drive.status in ('ok', '')
-        return (
-            drive.name,
-            _watts(drive.power),
-            _bar(drive.power, self._scale, bar, plain),
-            _watts(drive.estimate),
-            _number(drive.temperature, 1),
-            Text(drive.status or '-', style='' if good else 'bold ' + _ORANGE),
-        )
 
 
 def line(view: View, clock: str) -> str:
     """Return a view as one line for a log."""
-    topics = {topic.name: topic for topic in view.topics}
+    supply = next(topic for topic in view.topics if topic.name == 'drive_supply')
     parts = [
         clock,
         f'drives {_watts(view.total)} of supply {_watts(view.supply)}',
@@ -91,14 +88,14 @@ def line(view: View, clock: str) -> str:
         parts.append(f'estimate {_watts(view.estimate)} ({view.estimate_status})')
     if budget := view.budget.words(_LINE):
         parts.append(f'in {SECONDS:.0f} s: {budget}')
-    parts += filter(None, [_hours(view)])
-    supply = topics['drive_supply']
-    parts.append(
-        f'drive_supply {supply.rate:.0f} Hz, age {_age(supply.age)}, {view.missed} missed here'
-    )
-    flagged = [f'{d.name} {d.status}' for d in view.drives if d.status not in ('ok', '')]
-    recorder = _recorder(view)
-    parts += [f'recorder {recorder}', *flagged, *view.warnings]
+    if hours := _hours(view):
+        parts.append(hours)
+    parts += [
+        f'drive_supply {supply.rate:.0f} Hz, age {_age(supply.age)}, {view.missed} missed here',
+        f'recorder {_recorder(view)}',
+        *(f'{d.name} {d.status}' for d in view.drives if d.status not in ('ok', '')),
+        *view.warnings,
+    ]
     return ' | '.join(parts)
 
 
@@ -226,11 +223,11 @@ def _bar(value: float, scale: float, width: int, plain: bool) -> Text:
     if not isfinite(value):
         return Text('')
     length = min(abs(value) / scale, 1.0) * width
-    whole = int(length)
     if plain:
         return Text(('#' if value >= 0 else '-') * round(length))
     if value < 0:
         return Text('░' * max(1, round(length)), style=_ORANGE)
+    whole = int(length)
     return Text('█' * whole + _EIGHTHS[int(8 * (length - whole))].strip(), style=_BLUE)
 
 
@@ -251,10 +248,9 @@ def _watts(value: float) -> str:
 def _joules(value: float) -> str:
     if not isfinite(value):
         return '-'
-    for limit, divisor, unit in ((1e3, 1.0, 'J'), (1e6, 1e3, 'kJ'), (float('inf'), 1e6, 'MJ')):
-        if abs(value) < limit:
-            return f'{value / divisor:.4g} {unit}'
-    return '-'
+    steps = ((1e3, 1.0, 'J'), (1e6, 1e3, 'kJ'), (float('inf'), 1e6, 'MJ'))
+    divisor, unit = next((divisor, unit) for limit, divisor, unit in steps if abs(value) < limit)
+    return f'{value / divisor:.4g} {unit}'
 
 
 def _age(age: float | None) -> str:

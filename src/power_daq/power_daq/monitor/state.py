@@ -4,16 +4,18 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from power_recordings.messages.samples import DriveSamples, EstimateSamples, SupplySamples
+from power_recordings.messages.samples import DriveSamples, EstimateSamples, Samples, SupplySamples
 from power_recordings.reading.topic_buffers import TopicBuffer, TopicCounter
 from power_recordings.writing.background import SequenceCheck
 from wattwalk_core.recent_power import REPORT, RecentBudget, RecentMean, parts_of
 
 from power_daq.supply.energy_counters import EnergyCounter
 
+T = TypeVar('T')
 TOPICS = ('drive_supply', 'joint_states', 'supply', 'power_estimate', 'diagnostics')
 """Topics that are watched."""
 FRESH = 2.0  # s, after which a figure no longer counts as of now
@@ -82,18 +84,19 @@ class View:
         return self.supply - self.total
 
 
-class _StreamEnergy:
-    """Energy of a stream whose period is the median of its latest steps."""
+class _Meter:
+    """Energy of a stream whose period is the median of its latest steps, and its recent mean."""
 
     def __init__(self) -> None:
+        self.recent = RecentMean()
         self._counter = EnergyCounter(_SLOWEST)
         self._steps: deque[float] = deque(maxlen=_STEPS)
         self._last: int | None = None
 
-    def add(self, stamp_ns: NDArray[np.int64], power: NDArray[np.floating]) -> None:
+    def add(self, stamp_ns: NDArray[np.int64], power: NDArray[np.float64]) -> None:
+        self.recent.add(stamp_ns, power)
         stamps: list[int] = stamp_ns.tolist()
-        before = stamps[:1] if self._last is None else [self._last]
-        steps = np.diff([*before, *stamps]) / 1e9
+        steps = np.diff([stamps[0] if self._last is None else self._last, *stamps]) / 1e9
         self._last = stamps[-1]
         self._steps.extend(steps[steps > 0].tolist())
         if self._steps:
@@ -125,13 +128,10 @@ class MonitorState:
         }
         self.counters = {name: TopicCounter() for name in ('joint_states', 'diagnostics')}
         self._sequence = SequenceCheck()
-        self._drive_energy, self._supply_energy = _StreamEnergy(), _StreamEnergy()
-        self._drive_mean, self._supply_mean = RecentMean(), RecentMean()
+        self._meters = {name: _Meter() for name in ('drive_supply', 'supply')}
         self._last_view = self.started
         self._before = dict.fromkeys(TOPICS, 0)
-        self._drives: DriveSamples | None = None
-        self._supply: SupplySamples | None = None
-        self._estimates: EstimateSamples | None = None
+        self._newest: dict[str, Samples] = {}
 
     def source(self, topic: str) -> TopicBuffer | TopicCounter:
         """Return the buffer or counter of a topic's messages."""
@@ -155,43 +155,16 @@ class MonitorState:
             topics.append(TopicView(name, rate, age))
             self._before[name] = source.count
         self._take()
-        return self._view(now, tuple(topics))
-
-    def _take(self) -> None:
-        raw, drives = self.buffers['drive_supply'].drain()
-        for cdr in raw:
-            self._sequence.feed(cdr)
-        if isinstance(drives, DriveSamples) and len(drives):
-            total = drives.power.astype(np.float64).sum(axis=1)
-            self._drive_energy.add(drives.stamp_ns, total)
-            self._drive_mean.add(drives.stamp_ns, total)
-            self._drives = drives
-        _, supply = self.buffers['supply'].drain()
-        if isinstance(supply, SupplySamples) and len(supply):
-            drawn = supply.power.astype(np.float64)
-            self._supply_energy.add(supply.stamp_ns, drawn)
-            self._supply_mean.add(supply.stamp_ns, drawn)
-            self._supply = supply
-        _, estimates = self.buffers['power_estimate'].drain()
-        if isinstance(estimates, EstimateSamples) and len(estimates):
-            self._estimates = estimates
-
-    def _fresh(self, topic: str, now: float) -> bool:
-        last = self.source(topic).last
-        return last is not None and now - last <= FRESH
-
-    def _view(self, now: float, topics: tuple[TopicView, ...]) -> View:
-        drives = self._drives if self._fresh('drive_supply', now) else None
-        supply = self._supply if self._fresh('supply', now) else None
-        found = self._estimates if self._fresh('power_estimate', now) else None
+        drives = self._fresh('drive_supply', DriveSamples, now)
+        supply = self._fresh('supply', SupplySamples, now)
+        found = self._fresh('power_estimate', EstimateSamples, now)
         power = {} if drives is None else _by_name(drives.names, drives.power)
         guess = {} if found is None else _by_name(found.names, found.power)
         celsius = {} if drives is None else _by_name(drives.names, drives.temperature)
         flags = {} if drives is None else dict(zip(drives.names, _words(drives), strict=True))
-        names = dict.fromkeys([*power, *guess])
         budget = self._budget(now)
-        energies = (self._supply_energy.joule, self._drive_energy.joule)
-        drawn = next((joule for joule in energies if isfinite(joule)), nan)
+        joule = {name: meter.joule for name, meter in self._meters.items()}
+        drawn = joule['supply'] if isfinite(joule['supply']) else joule['drive_supply']
         return View(
             seconds=now - self.started,
             drives=tuple(
@@ -202,7 +175,7 @@ class MonitorState:
                     celsius.get(name, nan),
                     flags.get(name, ''),
                 )
-                for name in names
+                for name in dict.fromkeys([*power, *guess])
             ),
             total=sum(power.values()) if power else nan,
             estimate=nan if found is None else _mean(found.total),
@@ -211,20 +184,39 @@ class MonitorState:
             supply=nan if supply is None else _mean(supply.power),
             voltage=nan if supply is None else _mean(supply.voltage),
             current=nan if supply is None else _mean(supply.current),
-            drive_energy=self._drive_energy.joule,
-            supply_energy=self._supply_energy.joule,
+            drive_energy=joule['drive_supply'],
+            supply_energy=joule['supply'],
             budget=budget,
             hours=budget.hours(self.battery - drawn / _WH),
             missed=self._sequence.lost,
-            topics=topics,
+            topics=tuple(topics),
             reports=dict(self.reports),
             warnings=tuple(self._warnings(now)),
         )
 
+    def _take(self) -> None:
+        for topic, buffer in self.buffers.items():
+            raw, samples = buffer.drain()
+            if topic == 'drive_supply':
+                for cdr in raw:
+                    self._sequence.feed(cdr)
+            if samples is None or not len(samples):
+                continue
+            self._newest[topic] = samples
+            if isinstance(samples, DriveSamples | SupplySamples):
+                watts = samples.power.astype(np.float64).reshape(len(samples), -1).sum(axis=1)
+                self._meters[topic].add(samples.stamp_ns, watts)
+
+    def _fresh(self, topic: str, kind: type[T], now: float) -> T | None:
+        """Return the newest samples of a topic; None once it no longer comes."""
+        samples, last = self._newest.get(topic), self.buffers[topic].last
+        is_fresh = last is not None and now - last <= FRESH
+        return samples if is_fresh and isinstance(samples, kind) else None
+
     def _budget(self, now: float) -> RecentBudget:
         drives, supply = (
-            mean.value if self._fresh(topic, now) else nan
-            for topic, mean in (('drive_supply', self._drive_mean), ('supply', self._supply_mean))
+            nan if self._fresh(topic, Samples, now) is None else meter.recent.value
+            for topic, meter in self._meters.items()
         )
         found = [
             parts_of(report.figures)
@@ -243,8 +235,7 @@ class MonitorState:
         found += [
             f'{name}: {buffer.fault}' for name, buffer in self.buffers.items() if buffer.fault
         ]
-        ranked = sorted(self.reports.items(), key=lambda item: -item[1].level)
-        for name, report in ranked:
+        for name, report in sorted(self.reports.items(), key=lambda item: -item[1].level):
             if now - report.time > 2 * FRESH:
                 found.append(f'{name}: silent for {now - report.time:.0f} s')
             elif report.level:

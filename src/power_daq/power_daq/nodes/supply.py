@@ -47,7 +47,9 @@ class SupplyNode(Node):
         )
         rate = given.real('rate', 100.0, 'readings in Hz', 1.0, 200.0)
         frame_id = given.text('frame_id', 'supply', 'frame_id of supply')
-        request = self._output_request(given)
+        wanted = given.flag('switch_output_on', False, 'switch the output on, once, at the start')
+        voltage = given.real('set_voltage', 0.0, 'V of the output', 0.0, LARGEST_VOLTAGE)
+        current = given.real('set_current', 0.0, 'A, limit of the output', 0.0, LARGEST_CURRENT)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time: readings of a supply are in system time')
         self._energy, self._balance = EnergyCounter(1.0 / rate), PowerBalance()
@@ -55,7 +57,7 @@ class SupplyNode(Node):
         self._battery = BatteryPublisher(publisher, frame_id, settings.resource)
         # A switching-on under way is waited for: cut off it would leave the panel locked.
         self._ending = _PERIOD + _QUERIES * settings.timeout
-        prepare = None if request is None else partial(self._switch_on, request)
+        prepare = partial(self._switch_on, OutputRequest(voltage, current)) if wanted else None
         log = FaultLog(self.get_logger())
         connect = partial(Instrument, settings)
         self._poller = Poller(connect, self._take, rate, log, prepare=prepare)
@@ -65,13 +67,6 @@ class SupplyNode(Node):
         offer(self, 'reset_energy', self._reset)
         self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._poller.start()
-
-    @staticmethod
-    def _output_request(given: DeviceParameters) -> OutputRequest | None:
-        wanted = given.flag('switch_output_on', False, 'switch the output on, once, at the start')
-        voltage = given.real('set_voltage', 0.0, 'V of the output', 0.0, LARGEST_VOLTAGE)
-        current = given.real('set_current', 0.0, 'A, limit of the output', 0.0, LARGEST_CURRENT)
-        return OutputRequest(voltage, current) if wanted else None
 
     def _switch_on(self, request: OutputRequest, instrument: Instrument) -> None:
         self.get_logger().warning(request.switch_on(instrument))

@@ -109,13 +109,15 @@ class TopicsNode(Node):
         if name == 'supply':
             publisher = self.create_publisher(BatteryState, name, _RELIABLE)
             return partial(_publish_supply, BatteryPublisher(publisher, 'supply', self._where))
-        if name != 'drive_supply':
-            publisher = self.create_publisher(JointState, name, _RELIABLE)
-            if name == 'joint_commands':
-                return partial(_publish_commands, publisher, list(drives))
-            return JointStatePublisher(publisher, drives).take
-        publisher = self.create_publisher(DriveSupply, name, _RELIABLE)
-        return partial(_publish_drives, SupplyPublisher(publisher, drives, 'topics', 1, drives))
+        if name == 'drive_supply':
+            publisher = self.create_publisher(DriveSupply, name, _RELIABLE)
+            return partial(
+                _publish_drives, SupplyPublisher(publisher, drives, 'topics', 1, drives)
+            )
+        publisher = self.create_publisher(JointState, name, _RELIABLE)
+        if name == 'joint_commands':
+            return partial(_publish_commands, publisher, list(drives))
+        return JointStatePublisher(publisher, drives).take
 
     def _diagnose(self) -> None:
         self._reporter.say(self._health.report(time.monotonic(), self._present()))

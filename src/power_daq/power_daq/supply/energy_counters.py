@@ -4,7 +4,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,7 @@ class EnergyCounter:
                 if 0.0 <= span <= _BRIDGED * self.period and math.isfinite(joule):
                     self._energy = Energy(old.joule + joule, old.seconds + span, old.uncounted)
                 else:
-                    uncounted = old.uncounted + max(span, 0.0)
-                    self._energy = Energy(old.joule, old.seconds, uncounted)
+                    self._energy = replace(old, uncounted=old.uncounted + max(span, 0.0))
             self._last = steady, power
 
     def total(self) -> Energy:
@@ -94,12 +93,12 @@ class _Mean:
 
     total: Floats | float = 0.0
     count: int = 0
-    first: int = 0
+    first: float = math.inf
     last: int = 0
 
     def add(self, stamp: int, last: int, power: Floats | float, count: int) -> None:
         """Add a sum over count samples that begin at stamp and end at last, ns."""
-        self.first = stamp if not self.count else min(self.first, stamp)
+        self.first = min(self.first, stamp)
         self.last = max(self.last, last)
         self.total = self.total + power
         self.count += count

@@ -293,6 +293,5 @@ def _switch_off(instrument: Instrument) -> str:
 
 
 def _check(instrument: Instrument, command: str) -> None:
-    errors = instrument.errors()
-    if errors:
+    if errors := instrument.errors():
         raise InputError(f'the supply refuses {command}: {", ".join(map(str, errors))}')

@@ -142,8 +142,7 @@ class Poller(DeviceWorker):
         if time.monotonic() < self._next_check:
             return
         self._next_check += _CHECK
-        errors = instrument.errors()
-        if errors:
+        if errors := instrument.errors():
             self.state.counts.instrument_errors += len(errors)
             self.state.last_errors = errors
 

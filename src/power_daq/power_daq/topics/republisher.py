@@ -3,6 +3,7 @@
 import re
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from math import nan, prod
 from typing import Any, Final
 
@@ -63,12 +64,9 @@ def _names(parent: Any, count: int) -> Sequence[str]:
 
 def columns_of(topic: str, message: Any) -> list[LogColumn]:
     """Return the first 400 numeric fields of a message as columns of a log."""
-    found = []
-    for path in _paths(message, ''):
-        found.append(LogColumn(f'{topic}:{path}', topic))
-        if len(found) == _MOST_COLUMNS:
-            break
-    return found
+    return [
+        LogColumn(f'{topic}:{path}', topic) for path in islice(_paths(message, ''), _MOST_COLUMNS)
+    ]
 
 
 def _paths(message: Any, prefix: str) -> Iterator[str]:
@@ -185,9 +183,8 @@ class LiveGroup:
             self._begin()
         self._last[topic] = stamp
         slot = self.topics.index(topic)
-        samples = []
-        for row in self.merger.add(slot, stamp, self._streams[slot].read(message)):
-            samples += self._samples(row)
+        rows = self.merger.add(slot, stamp, self._streams[slot].read(message))
+        samples = [sample for row in rows for sample in self._samples(row)]
         self.given += len(samples)
         return samples
 
@@ -242,8 +239,8 @@ class MapTopics:
     """
 
     def __init__(self, mapping: ImportMap, where: str) -> None:
-        self._required: dict[str, re.Pattern[str]] = {}
-        self._optional: dict[str, re.Pattern[str]] = {}
+        self._patterns: dict[str, re.Pattern[str]] = {}
+        self._required: dict[str, None] = {}
         for place, signal in _signals(mapping):
             if not signal.source:
                 continue
@@ -253,9 +250,10 @@ class MapTopics:
                     f'{where}: {place}: {quoted(signal.source)} names no topic; expected '
                     '/topic:field as in maps of bags'
                 )
-            kind = self._optional if signal.optional else self._required
             text = '[^/]+?'.join(re.escape(part) for part in name.split('*'))
-            kind[name] = re.compile(text)
+            self._patterns[name] = re.compile(text)
+            if not signal.optional:
+                self._required[name] = None
         self.outputs = ['joint_states']
         drives = [drive.signals() for drive in mapping.drives.values()]
         if any({'current', 'power'} & set(signals) for signals in drives):
@@ -266,17 +264,13 @@ class MapTopics:
 
     def matching(self, topics: Iterable[str]) -> list[str]:
         """Return those of the given topics that the map reads."""
-        patterns = [*self._required.values(), *self._optional.values()]
+        patterns = self._patterns.values()
         return [topic for topic in topics if any(p.fullmatch(topic) for p in patterns)]
 
     def awaited(self, heard: Iterable[str]) -> list[str]:
         """Return the names, as in the map, of which no topic is among those heard."""
-        topics = list(heard)
-        return [
-            name
-            for name, pattern in self._required.items()
-            if not any(pattern.fullmatch(topic) for topic in topics)
-        ]
+        topics, patterns = list(heard), self._patterns
+        return [name for name in self._required if not any(map(patterns[name].fullmatch, topics))]
 
 
 def _signals(mapping: ImportMap) -> Iterator[tuple[str, Signal]]:
@@ -321,10 +315,9 @@ class Republisher:
         self.plan = make_plan(self._mapping, columns, self._where, is_bag=True)
         self._inputs = tuple(self._first)
         self._first.clear()
-        wanted = self.topics.outputs + ['joint_commands'] * self._commands
-        for name in wanted:
-            if name != 'joint_commands' or self.topics.has_commands:
-                self.groups[name] = LiveGroup(name, self.plan)
+        has_commands = self._commands and self.topics.has_commands
+        for name in self.topics.outputs + ['joint_commands'] * has_commands:
+            self.groups[name] = LiveGroup(name, self.plan)
         return self.groups
 
     def take(self, topic: str, arrival: int, message: Any) -> list[Sample]:
