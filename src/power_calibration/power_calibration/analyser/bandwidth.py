@@ -69,8 +69,7 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
     limit = 0.45 * rate if fast else 0.1 * min(rate, 1.0 / reference.period)
     smooth = reference
     if fast:  # flat to 0.9 of half our rate, nothing from 1.1 of it
-        taps = low_pass(1.0 / reference.period, 0.45 * rate, 0.55 * rate)
-        smooth = reference.filtered(taps)
+        smooth = reference.filtered(low_pass(1.0 / reference.period, 0.45 * rate, 0.55 * rate))
     sums: list[Floats] = []
     count = 0.0
     for time, values in ours.runs:
@@ -84,8 +83,8 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
             continue
         frequency, cross = csd(x, y, rate, nperseg=_SEGMENT)
         weight = len(x) / _SEGMENT
-        parts = (cross, welch(x, rate, nperseg=_SEGMENT)[1], welch(y, rate, nperseg=_SEGMENT)[1])
-        sums.append(weight * np.array(parts))
+        spectra = (welch(signal, rate, nperseg=_SEGMENT)[1] for signal in (x, y))
+        sums.append(weight * np.array([cross, *spectra]))
         count += 1.5 * weight
     if not sums:
         return None
@@ -104,7 +103,10 @@ def response_of_drive(ours: Curve, reference: Curve, clock: Clock) -> Response |
     error = np.hypot(error, magnitude * _aliased(reference, f, rate)) if fast else error
     if_means = np.sinc(f * reference.period)  # the reference's gain, and if its rows are samples
     if_samples = if_means / np.sinc(f * reference.period / reference.rows)
-    gains = np.array([if_samples, if_means]) / _low_frequency_gain(f, magnitude, error)
+    slow = f <= max(40.0, float(f[0]))
+    weights = 1.0 / np.maximum(error[slow], 1e-4) ** 2
+    slow_gain = float((magnitude[slow] * weights).sum() / weights.sum())
+    gains = np.array([if_samples, if_means]) / slow_gain
     samples, means = gains * magnitude
     (first_cut, reach), (second_cut, further) = (
         _cutoff(f, gain * magnitude, gain * error, coherence) for gain in gains
@@ -124,9 +126,7 @@ def _both(cutoffs: Sequence[IntervalEstimate | None], reach: float) -> IntervalE
     known = [one for one in cutoffs if one is not None]
     if not known:
         return None
-    ends = [one.high for one in known]
-    if len(known) < len(cutoffs):
-        ends.append(reach)
+    ends = [reach if one is None else one.high for one in cutoffs]
     middle = sum(one.value for one in known) / len(known)
     return IntervalEstimate(middle, min(one.low for one in known), max(ends))
 
@@ -139,13 +139,6 @@ def _aliased(reference: Curve, frequency: Floats, rate: float) -> Floats:
     smooth = np.convolve(power, np.ones(_BINS) / _BINS, 'same')
     there, above = np.interp(frequency, at, smooth), np.interp(rate - frequency, at, smooth)
     return np.sqrt(above / there) * frequency / (rate - frequency)
-
-
-def _low_frequency_gain(frequency: Floats, magnitude: Floats, error: Floats) -> float:
-    """Return the gain for slow signals."""
-    low = frequency <= max(40.0, float(frequency[0]))
-    weights = 1.0 / np.maximum(error[low], 1e-4) ** 2
-    return float((magnitude[low] * weights).sum() / weights.sum())
 
 
 def _cutoff(
@@ -169,9 +162,9 @@ def _cutoff(
         return float(dense[below[0]] * reach) if len(below) else np.nan
 
     smooth = powers @ np.linalg.lstsq(powers, np.log(m) / relative, rcond=None)[0]
-    spread = float(np.sqrt(np.sum((np.log(m) / relative - smooth) ** 2) / (len(m) - _ORDER)))
-    relative = relative * max(1.0, spread)
-    powers = powers / max(1.0, spread)
+    rest = np.log(m) / relative - smooth
+    spread = max(1.0, float(np.sqrt(np.sum(rest**2) / (len(m) - _ORDER))))
+    relative, powers = relative * spread, powers / spread
     middle = crossing(np.log(m))
     if np.isnan(middle):
         return None, reach

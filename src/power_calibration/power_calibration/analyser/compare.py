@@ -168,17 +168,17 @@ def _check_match(
     raise _unlike(measured, log, best.correlation, best.overlap)
 
 
+def _lengths(measured: MeasuredDrive, log: Log) -> str:
+    first, last = measured.curve.span
+    return f'{measured.path} lasts {last - first:.1f} s, {log.path} {log.duration:.1f} s'
+
+
 def _unlike(measured: MeasuredDrive, log: Log, correlation: float, overlap: float) -> InputError:
     return InputError(
         f'the reference does not fit the recording: the best correlation at any offset is '
         f'{correlation:.2f} over {overlap:.1f} s ({_lengths(measured, log)}); is it the same run, '
         'and are these the right columns?'
     )
-
-
-def _lengths(measured: MeasuredDrive, log: Log) -> str:
-    first, last = measured.curve.span
-    return f'{measured.path} lasts {last - first:.1f} s, {log.path} {log.duration:.1f} s'
 
 
 def _channels(
@@ -239,12 +239,11 @@ def _aliasing(
 def _response(measured: MeasuredDrive, log: Log, found: ReferenceFit) -> Response | None:
     """Return the response of our current, or of the quantity that the log has instead."""
     curve = measured.curve
-    if log.current is not None:
-        values, ours = log.current, curve.columns(slice(1, 2))
-    elif log.power is not None:
-        values, ours = log.power, measured.power
-    elif log.voltage is not None:
-        values, ours = log.voltage, curve.columns(slice(0, 1))
-    else:
-        return None
-    return response_of_drive(ours, log.curve(values), found.clock)
+    for values, ours in (
+        (log.current, curve.columns(slice(1, 2))),
+        (log.power, measured.power),
+        (log.voltage, curve.columns(slice(0, 1))),
+    ):
+        if values is not None:
+            return response_of_drive(ours, log.curve(values), found.clock)
+    return None

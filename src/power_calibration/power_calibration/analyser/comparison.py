@@ -43,8 +43,8 @@ def row_kind(ours: Curve, reference: Curve, clock: Clock, period: float) -> RowK
     ours_low, ours_mean = ours.low_passed(rate), ours.low_passed(rate, mean=period)
     low = reference.low_passed(rate)
     mean = reference.low_passed(rate, mean=period)
-    first = max(ours_mean.span[0], float(clock.ours(np.array(mean.span[:1]))[0]))
-    last = min(ours_mean.span[1], float(clock.ours(np.array(mean.span[1:]))[0]))
+    low_end, high_end = clock.ours(np.array(mean.span)).tolist()
+    first, last = max(ours_mean.span[0], low_end), min(ours_mean.span[1], high_end)
     time = first + np.arange(max(0, int((last - first) * rate))) / rate
     at = clock.reference(time)
     low_values, mean_values = _with_curvature(low, at), _with_curvature(mean, at)
@@ -74,14 +74,11 @@ def _with_curvature(curve: Curve, times: Floats) -> tuple[Floats, Floats]:
 
 def _residual(y: Floats, x: Floats, curvature: Floats, largest: float) -> Floats:
     """Fit y = slope·x + level + bend·curvature, 0 ≤ bend/slope ≤ largest, and return the rest."""
-    solution = np.linalg.lstsq(_columns(x, curvature), y, rcond=None)[0]
+    one = np.ones_like(x)
+    solution = np.linalg.lstsq(np.column_stack([x, one, curvature]), y, rcond=None)[0]
     bend = float(np.clip(solution[2] / solution[0], 0.0, largest))
-    columns = _columns(x + bend * curvature)
+    columns = np.column_stack([x + bend * curvature, one])
     return np.asarray(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0])
-
-
-def _columns(x: Floats, *others: Floats) -> Floats:
-    return np.column_stack([x, np.ones_like(x), *others])
 
 
 def _wins(first: Floats, second: Floats, owner: NDArray[np.intp]) -> bool:

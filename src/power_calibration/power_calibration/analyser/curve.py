@@ -133,10 +133,8 @@ def _low_pass(period: float, rate: float, mean: float) -> Floats:
     if not mean:
         return windowed_sinc(time, 0.375 * rate, half_width, _BETA)
     # The mean over a width of the continuous filter, by Gauss's quadrature.
-    shifted = [
-        windowed_sinc(time - 0.5 * mean * shift, 0.375 * rate, half_width, _BETA)
-        for shift in _SHIFTS
-    ]
+    starts = 0.5 * mean * _SHIFTS
+    shifted = [windowed_sinc(time - at, 0.375 * rate, half_width, _BETA) for at in starts]
     return np.asarray(0.5 * _WEIGHTS @ np.array(shifted))
 
 
@@ -190,10 +188,8 @@ def matches(ours: Curve, reference: Curve) -> tuple[list[Match], Match]:
     found: list[tuple[float, Match]] = []
     opposed = Match(0.0, 0.0, 0.0, 0.0, centre)
     for drift in sorted(drifts, key=abs):
-        stretched = Curve(
-            tuple(((time - centre) / (1.0 + drift), v) for time, v in reference.runs),
-            reference.period,
-        )
+        moved = tuple(((time - centre) / (1.0 + drift), v) for time, v in reference.runs)
+        stretched = Curve(moved, reference.period)
         b, known_b = _grid(stretched, *stretched.span)
         correlation, overlap, lag = masked_correlation(a, known_a, b, known_b)
         usable = overlap >= min(max(_LEAST_OVERLAP, 0.2 * length) * RATE, 0.9 * overlap.max())
@@ -277,7 +273,7 @@ class MeasuredDrive:
         if name not in supply.names:
             raise InputError(f'--drive {name!r}: {path} measures {measured}')
         column = supply.names.index(name)
-        volts, amps = supply.voltage[:, column], supply.current[:, column]
+        values = np.column_stack([supply.voltage[:, column], supply.current[:, column]])
         flagged, bad = supply.status[:, column] != 0, ~supply.good[:, column]
         if bad.mean() > _MOST_BAD:
             what = 'were out of range' if flagged.mean() > _MOST_BAD else 'are NaN'
@@ -287,10 +283,10 @@ class MeasuredDrive:
             )
         if len(supply) < 100:
             raise InputError(f'{path} has only {len(supply)} samples of {name}')
-        if float(np.ptp(amps[~bad])) < 1e-6:
+        amps = values[~bad, 1]
+        if float(np.ptp(amps)) < 1e-6:
             raise InputError(
-                f'{path}: the current of {name} is constant ({amps[~bad][0]:g} A); record it in '
-                'motion'
+                f'{path}: the current of {name} is constant ({amps[0]:g} A); record it in motion'
             )
         notes = []
         if bad.any():
@@ -299,6 +295,5 @@ class MeasuredDrive:
             notes.append(f'{supply.lost} of our samples were lost')
         start = int(supply.stamp_ns[0])
         time = (supply.stamp_ns - start) / 1e9
-        values = np.column_stack([volts, amps]).astype(np.float64)
-        curve = Curve.of_samples(time, values, bad, supply.after_gap)
+        curve = Curve.of_samples(time, values.astype(np.float64), bad, supply.after_gap)
         return cls(path, name, start, curve, recording.card.calibration, tuple(notes))

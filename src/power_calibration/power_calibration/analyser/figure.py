@@ -88,13 +88,8 @@ def _traces(found: AnalyserComparison, top: Axes, below: Axes, ink: str, blue: s
         fast_time = found.fit.clock.ours(log.time)
         rows = np.flatnonzero((fast_time >= start) & (fast_time <= start + _SHOWN))
         rows = rows[:: max(1, len(rows) // 6000)]
-        top.plot(
-            fast_time[rows] - start,
-            log.watts[rows],
-            color=_ORANGE,
-            lw=0.7,
-            label=f'analyser, {log.rate / 1000:g} kHz',
-        )
+        label = f'analyser, {log.rate / 1000:g} kHz'
+        top.plot(fast_time[rows] - start, log.watts[rows], color=_ORANGE, lw=0.7, label=label)
     top.plot(at, true[shown], color=ink, lw=1.8, label=f'analyser at {rate:.0f} Hz')
     top.plot(at, ours[shown, 1], color=blue, lw=1.5, ls=(0, (4, 1.5)), label='ours, calibrated')
     top.set_ylabel('power [W]')
@@ -148,12 +143,10 @@ def _response(found: AnalyserComparison, axis: Axes, ink: str, blue: str) -> Non
     )
     axis.plot(answer.frequency, answer.coherence, color=OTHERS[1], lw=1.0, label='coherence')
     axis.axhline(np.sqrt(0.5), color=ink, lw=0.8, ls=':')
-    cutoff = answer.cutoff
-    if cutoff is not None:
+    label = f'no −3 dB point up to {answer.reach:.0f} Hz'
+    if (cutoff := answer.cutoff) is not None:
         axis.axvspan(cutoff.low, cutoff.high, color=_ORANGE, alpha=0.35, lw=0)
         label = f'−3 dB at {cutoff.value:.0f} Hz ({cutoff.low:.0f}–{cutoff.high:.0f})'
-    else:
-        label = f'no −3 dB point up to {answer.reach:.0f} Hz'
     axis.text(0.03, 0.06, label, transform=axis.transAxes, fontsize=8)
     axis.set(ylim=(0, 1.7), xlim=(0, float(answer.frequency[-1]) + 5))
     axis.legend(loc='upper right', frameon=False, fontsize=8)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -114,8 +114,7 @@ class Log:
         """
         notes = list(told)
         whole = np.isfinite(rows).all(axis=1)
-        lost = int((~whole).sum())
-        if lost:
+        if lost := int((~whole).sum()):
             notes.append(f'{lost} of {len(rows)} rows have a field that is no number; left out')
         number = np.flatnonzero(whole)
         rows = rows[whole]
@@ -130,10 +129,9 @@ class Log:
             )
         time, period, starts, stops = _regular(path, rows[:, 0] - rows[0, 0], np.diff(number) > 1)
         values = {key: rows[:, column].copy() for column, key in enumerate(names) if key != 'time'}
-        volts, amps, watts = (values.get(key) for key in QUANTITIES)
-        begin = float(rows[0, 0])
-        log = cls(path, time, begin, period, starts, stops, volts, amps, watts, tuple(notes))
-        return _without_clipping(log)
+        notes += _clipping(path, values)
+        signals = (values.get(key) for key in QUANTITIES)
+        return cls(path, time, float(rows[0, 0]), period, starts, stops, *signals, tuple(notes))
 
 
 def _read_columns(
@@ -146,8 +144,8 @@ def _read_columns(
     """
     blocks = list(file.read(names, progress))
     columns = [
-        np.concatenate([_numbers(block.values[name], file.path, is_time) for block in blocks])
-        for name, is_time in zip(names, (True, *(False for _ in names[1:])), strict=True)
+        np.concatenate([_numbers(block.values[name], file.path, not place) for block in blocks])
+        for place, name in enumerate(names)
     ]
     rows = np.column_stack(columns)
     if any(_CLOCK.match(_sample(block.values[names[0]])) for block in blocks):
@@ -334,31 +332,28 @@ def _spread(time: Floats, period: float) -> Floats:
     return spread
 
 
-def _without_clipping(log: Log) -> Log:
-    """Refuse what is constant or clipped; note a little clipping."""
-    notes = list(log.notes)
-    for key in QUANTITIES:
-        values: Floats | None = getattr(log, key)
-        if values is None:
-            continue
+def _clipping(path: Path, logged: Mapping[str, Floats]) -> list[str]:
+    """Refuse what is constant or clipped; return notes on a little clipping."""
+    notes = []
+    for key, values in logged.items():
         if values.max() - values.min() <= 1e-6 * max(1.0, abs(float(values[0]))):
-            if key == 'voltage' and (log.current is not None or log.power is not None):
+            if key == 'voltage' and len(logged) > 1:
                 notes.append(f'voltage is constant ({values[0]:g} V)')
                 continue
             raise InputError(
-                f'{log.path}: {key} is constant ({values[0]:g}) in all {len(values)} rows; '
+                f'{path}: {key} is constant ({values[0]:g}) in all {len(values)} rows; '
                 'was the drive moving, and is it the right column?'
             )
         for limit in (values.max(), values.min()):
             share = _clipped(values, float(limit))
             if share > _CLIPPED:
                 raise InputError(
-                    f'{log.path}: {key} saturates at {limit:g} in {share:.1%} of the rows; '
+                    f'{path}: {key} saturates at {limit:g} in {share:.1%} of the rows; '
                     'choose a larger range of the analyser'
                 )
             if share:
                 notes.append(f'{key} saturates at {limit:g} in {share:.2%} of the rows')
-    return replace(log, notes=tuple(notes))
+    return notes
 
 
 def _clipped(values: Floats, limit: float) -> float:

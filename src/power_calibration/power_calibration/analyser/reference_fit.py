@@ -13,6 +13,7 @@ _MOST_BLOCKS = 60
 _LEAST_BLOCK = 1.0  # s
 _FEWEST_BLOCKS = 5
 _LEVEL = 0.95
+_STEPS = 12
 
 
 def blocks_of(time: Floats) -> NDArray[np.intp]:
@@ -38,10 +39,8 @@ def left_out(jacobian: Floats, residual: Floats, owner: NDArray[np.intp]) -> Flo
     for block in range(len(changes)):
         rows = owner == block
         part = normal[rows]
-        solved = np.linalg.lstsq(
-            whole - part.T @ part, score - part.T @ residual[rows], rcond=None
-        )[0]
-        changes[block, used] = solved / size[used]
+        others, rest = whole - part.T @ part, score - part.T @ residual[rows]
+        changes[block, used] = np.linalg.lstsq(others, rest, rcond=None)[0] / size[used]
     return changes
 
 
@@ -50,11 +49,7 @@ def half_width(replicas: Floats) -> Floats:
     count = len(replicas)
     variance = (count - 1) / count * ((replicas - replicas.mean(axis=0)) ** 2).sum(axis=0)
     quantile = float(student.ppf(0.5 + 0.5 * _LEVEL, count - 1))
-    wide: Floats = quantile * np.sqrt(variance)
-    return wide
-
-
-_STEPS = 12
+    return np.asarray(quantile * np.sqrt(variance))
 
 
 @dataclass(frozen=True)
@@ -193,15 +188,14 @@ def with_aliases(found: ReferenceFit, aliases: Floats) -> ReferenceFit:
     """
     relative = aliases / np.maximum(found.spread, 1e-12)
     slopes = np.maximum(found.rise, 1e-12) / np.maximum(aliases, 1e-12)
+    levels = zip(found.level, relative, found.mean, found.fixed, strict=True)
     return replace(
         found,
         offset=found.offset.widened(float(1.0 / np.sqrt(np.sum(slopes**2)))),
         gain=tuple(g.widened(r * g.value) for g, r in zip(found.gain, relative, strict=True)),
         level=tuple(
             level if fixed else level.widened(float(r * abs(mean)))
-            for level, r, mean, fixed in zip(
-                found.level, relative, found.mean, found.fixed, strict=True
-            )
+            for level, r, mean, fixed in levels
         ),
     )
 
@@ -223,9 +217,8 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
             continue
         scale = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-12)
         change = np.linalg.lstsq(jacobian / scale, residual.ravel(), rcond=None)[0] / scale
-        clock = replace(
-            clock, offset=clock.offset + float(change[0]), drift=clock.drift + float(change[1])
-        )
+        offset, drift = clock.offset + float(change[0]), clock.drift + float(change[1])
+        clock = Clock(offset, drift, clock.centre)
         lines += change[2:].reshape(3, channels)
         rest = residual - (jacobian @ change).reshape(residual.shape)
         weights = weights / np.maximum(rest.std(axis=0), 1e-9)

@@ -28,13 +28,10 @@ def drive_rows(found: Summary) -> list[tuple[str, ...]]:
     """Return the cells of DRIVE_COLUMNS for each drive."""
     table = []
     for item in found.delays:
-        if item.delay is None:
-            text = ('–', 'unknown')
-        else:
-            low, middle, high = (
-                f'{1e3 * x:+.2f}' for x in (item.delay.low, item.delay.value, item.delay.high)
-            )
-            text = (middle, f'{low} to {high}')
+        text, late = ('–', 'unknown'), item.delay
+        if late is not None:
+            low, high = (f'{1e3 * limit:+.2f}' for limit in late.interval)
+            text = (f'{1e3 * late.value:+.2f}', f'{low} to {high}')
         costs = [item.error_at(shift) for shift in SHIFTS_SHOWN]
         cells = (f'{watts:.2f} W, {percent:.1f} %' for watts, percent in costs)
         table.append((item.drive, *text, f'{item.r2:.3f}', *cells))
@@ -66,19 +63,17 @@ _MOST_LINES = 12
 def draw_timing(found: Summary, *, dark: bool = False) -> Figure:
     """Draw errors, delays, step responses (else fits), jitter, clock and smoothing."""
     with style(dark) as ink:
-        blue = BLUE[dark]
         figure = Figure(figsize=(9.6, 9.2), layout='constrained')
-        axes = figure.subplots(3, 2)
-        _cost(found, axes[0, 0], ink, blue)
-        _delays(found, axes[0, 1], ink, blue)
-        if found.responses:
-            _step_response(found, axes[1, 0], ink, blue)
-        else:
-            _fits(found, axes[1, 0], ink, blue)
-        _jitter(found, axes[1, 1], ink, blue)
-        _clock(found, axes[2, 0], blue)
-        _smoothing(axes[2, 1], ink, blue)
+        third = _step_response if found.responses else _fits
+        parts = (_cost, _delays, third, _jitter, _clock, _smoothing)
+        for axis, draw in zip(figure.subplots(3, 2).flat, parts, strict=True):
+            draw(found, axis, ink, BLUE[dark])
     return figure
+
+
+def _name(axis: Axes, title: str, **labels: str) -> None:
+    axis.set_title(title, loc='left', fontsize=10)
+    axis.set(**labels)
 
 
 def _by_shift(axis: Axes, shares: Sequence[Floats], what: str, ink: str, blue: str) -> None:
@@ -91,10 +86,9 @@ def _by_shift(axis: Axes, shares: Sequence[Floats], what: str, ink: str, blue: s
 
 
 def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('change of power by a shift', loc='left', fontsize=10)
+    _name(axis, 'change of power by a shift', xlabel='shift of the electrical samples [ms]')
     _by_shift(axis, [d.moved / d.power for d in found.delays], 'change', ink, blue)
     axis.plot([], [], color=blue, lw=0.8, label='each drive')
-    axis.set_xlabel('shift of the electrical samples [ms]')
     watts = float(np.median([d.power for d in found.delays]))
     scales = (lambda share: share * (watts / 100), lambda power: power * (100 / watts))
     other = axis.secondary_yaxis('right', functions=scales)
@@ -103,7 +97,8 @@ def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
 
 
 def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('delay of electrical stamps against joints', loc='left', fontsize=10)
+    label = 'delay [ms], interval of 95 %'
+    _name(axis, 'delay of electrical stamps against joints', xlabel=label)
     known = {item.drive: item.delay for item in found.delays if item.delay is not None}
     for row, d in enumerate(known.values()):
         axis.plot([1e3 * d.low, 1e3 * d.high], [row, row], color=blue, lw=1.5)
@@ -115,26 +110,25 @@ def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
         axis.legend(loc='best', frameon=False, fontsize=8)
     axis.axvline(0, color=ink, lw=0.8)
     axis.set_yticks(range(len(known)), [*known], fontsize=8)
-    axis.set(ylim=(len(known) - 0.4, -0.6), xlabel='delay [ms], interval of 95 %')
+    axis.set_ylim(len(known) - 0.4, -0.6)
 
 
 def _fits(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('error of the proxy, fitted at each shift', loc='left', fontsize=10)
+    label = 'shift from the best delay [ms]'
+    _name(axis, 'error of the proxy, fitted at each shift', xlabel=label)
     _by_shift(axis, [d.refitted / d.power for d in found.delays], 'error', ink, blue)
     axis.axvline(0, color=ink, lw=0.8, ls=':')
-    axis.set_xlabel('shift from the best delay [ms]')
 
 
 def _step_response(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     answer = max(found.responses, key=lambda a: a.events)
     title = f'{answer.drive}: {answer.events} steps of the command, stacked'
-    axis.set_title(title, loc='left', fontsize=10)
+    label = 'time after the stamp of the command [ms]'
+    _name(axis, title, xlabel=label, ylabel='mean change [share of final]')
     time = 1e3 * answer.time
     axis.plot(time, answer.current, color=blue, lw=1.6, label='current, 1 kHz')
     axis.plot(time, answer.torque, color=OTHERS[3], lw=1.6, ls='--', label='torque, 400 Hz')
     axis.axvline(0, color=ink, lw=0.8)
-    axis.set_xlabel('time after the stamp of the command [ms]')
-    axis.set_ylabel('mean change [share of final]')
     half = answer.current_half
     label = f'half at {1e3 * half.value:.2f} ms\n({1e3 * half.low:.2f} to {1e3 * half.high:.2f})'
     axis.text(0.03, 0.95, label, transform=axis.transAxes, va='top', fontsize=8)
@@ -142,8 +136,9 @@ def _step_response(found: Summary, axis: Axes, ink: str, blue: str) -> None:
 
 
 def _jitter(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('jitter of the stamps, and losses', loc='left', fontsize=10)
-    rows = list(found.stamps)
+    label = 'standard deviation, and (pale) 99th percentile [µs]'
+    _name(axis, 'jitter of the stamps, and losses', xlabel=label)
+    rows = found.stamps
     for row, stream in enumerate(rows):
         width = [stream.spread, stream.worst - stream.spread]
         width = [1e6 * max(0.0, w) if np.isfinite(w) else 0.0 for w in width]
@@ -153,29 +148,28 @@ def _jitter(found: Summary, axis: Axes, ink: str, blue: str) -> None:
         axis.text(sum(width), row, f'  {lost}', va='center', fontsize=8, color=ink)
     axis.set_yticks(range(len(rows)), [f'{s.topic}\n{s.rate:.0f} Hz' for s in rows], fontsize=8)
     axis.set_ylim(len(rows) - 0.4, -0.6)
-    axis.set_xlabel('standard deviation, and (pale) 99th percentile [µs]')
     axis.set_xlim(0, 1.35 * max(axis.get_xlim()[1], 1.0))
 
 
-def _clock(found: Summary, axis: Axes, blue: str) -> None:
-    clock = found.clock
-    axis.set(xlabel='time [s]', ylabel='stamp − line [µs]')
+def _clock(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    clock, title = found.clock, 'no device clock in the recording'
+    if clock is not None:
+        title = f'device clock to stamps: {clock.drift:+.1f} ppm, ±{1e6 * clock.spread:.2f} µs'
+    _name(axis, title, xlabel='time [s]', ylabel='stamp − line [µs]')
     if clock is None:
-        axis.set_title('no device clock in the recording', loc='left', fontsize=10)
         return
-    title = f'device clock to stamps: {clock.drift:+.1f} ppm, ±{1e6 * clock.spread:.2f} µs'
-    axis.set_title(title, loc='left', fontsize=10)
     every = slice(None, None, max(1, len(clock.time) // 4000))
     axis.plot(clock.time[every], 1e6 * clock.jitter[every], color=blue, lw=0.7)
     most = max(1.0, 1.1e6 * float(np.abs(clock.jitter).max()))
     axis.set_ylim(-most, most)
 
 
-def _smoothing(axis: Axes, ink: str, blue: str) -> None:
+def _smoothing(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     taps = smoothing(GRID)
     frequency = np.linspace(0.0, 120.0, 601)
     answer = np.abs([gain(taps, f, GRID) for f in frequency])
-    axis.set_title(f'Savitzky-Golay, {len(taps)} samples at 400 Hz', loc='left', fontsize=10)
+    title = f'Savitzky-Golay, {len(taps)} samples at 400 Hz'
+    _name(axis, title, xlabel='frequency [Hz]', ylabel='gain [dB]')
     axis.plot(frequency, 20 * np.log10(np.maximum(answer, 1e-4)), color=blue, lw=1.4)
     ripple = abs(gain(taps, 50.0, GRID))
     level = 20 * np.log10(max(ripple, 1e-4))
@@ -184,7 +178,7 @@ def _smoothing(axis: Axes, ink: str, blue: str) -> None:
     axis.annotate(label, (50.0, level), (56.0, level + 8), fontsize=8, color=ink)
     axis.axhline(-3, color=ink, lw=0.8, ls=':')
     axis.axvline(SMOOTHING, color=OTHERS[0], lw=1.2, label='12.5 Hz')
-    axis.set(ylim=(-60, 5), xlim=(0, 120), xlabel='frequency [Hz]', ylabel='gain [dB]')
+    axis.set(ylim=(-60, 5), xlim=(0, 120))
     axis.legend(loc='upper right', frameon=False, fontsize=8)
 
 

@@ -233,8 +233,7 @@ def summarise(
             problems.append(str(error))
             refused = error
             continue
-        response = step_response(recording, name)
-        if response is not None:
+        if (response := step_response(recording, name)) is not None:
             responses.append(response)
     if not delays and refused is not None:
         raise refused
