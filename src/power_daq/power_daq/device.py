@@ -12,12 +12,7 @@ from wattwalk_core.nodes.diagnostics import LogTarget, Report
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.worker import Worker
 
-from power_daq.acquisition.bus_acquisition import (
-    Acquisition,
-    BusHealth,
-    QueryRounds,
-    SampleQueue,
-)
+from power_daq.acquisition.bus_acquisition import Acquisition, BusHealth, QueryRounds, SampleQueue
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import READY, BusDescription
@@ -64,10 +59,8 @@ def open_device(given: DeviceParameters, queue: SampleQueue, log: LogTarget) -> 
     dbc = given.path('dbc', 'DBC file of the bus; empty for the shipped one')
     if ready and dbc is not None:
         raise InputError(f'give bus {ready} or dbc {dbc}, not both')
-    if ready:
-        bus = BusDescription.ready(ready, mapping, nodes)
-    else:
-        bus = BusDescription.load(dbc, mapping, nodes)
+    load = partial(BusDescription.ready, ready) if ready else partial(BusDescription.load, dbc)
+    bus = load(mapping, nodes)
     settings = BusSettings(
         interface,
         channel,
@@ -118,15 +111,13 @@ def _ethercat(
     segment = partial(SoemSegment, channel, mapping.frame_timeout)
     segment()
     acquisition = SegmentAcquisition(mapping, segment, queue.put, log, corrections)
-    health = SegmentHealth(acquisition, queue, channel)
-    drives = {'electrical': mapping.names}
     return MeasuringDevice(
         mapping.device,
         'segment',
         f'{ETHERCAT} {channel}',
-        drives,
+        {'electrical': mapping.names},
         acquisition,
-        health.report,
+        SegmentHealth(acquisition, queue, channel).report,
         longest_call(len(mapping.segment), mapping.frame_timeout),
         'the slaves stay in the state that they are in: power them off and on',
     )

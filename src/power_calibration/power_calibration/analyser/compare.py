@@ -127,7 +127,16 @@ def compare_with_analyser(
     answer = _response(measured, log, allowed)
     cutoff = answer.cutoff if answer is not None else None
     notes += _aliasing(names, best, allowed, 1.0 / period)
-    notes += _channel_notes(channels)
+    notes += [
+        f'the reference does not contain {name}; ours is not corrected'
+        for name in ('voltage', 'current')
+        if name not in channels
+    ]
+    notes += [
+        f'{name}: too steady to tell an offset from a gain; its offset is held at 0'
+        for name, channel in channels.items()
+        if channel.fixed
+    ]
     if ambiguous:
         shifts = ', '.join(f'{shift:+g} s' for shift in ambiguous)
         notes.append(
@@ -197,19 +206,6 @@ def _channels(
             name, level, noise = 'current', level.times(1.0 / volts), noise / volts
         channels[name] = Channel(gain, level, noise, found.fixed[place])
     return channels
-
-
-def _channel_notes(channels: dict[str, Channel]) -> list[str]:
-    notes = [
-        f'the reference does not contain {name}; ours is not corrected'
-        for name in ('voltage', 'current')
-        if name not in channels
-    ]
-    return notes + [
-        f'{name}: too steady to tell an offset from a gain; its offset is held at 0'
-        for name, channel in channels.items()
-        if channel.fixed
-    ]
 
 
 def _aliasing(

@@ -103,7 +103,9 @@ class Log:
         for column, key in enumerate(names):
             rows[:, column] *= scales[key]
         if scales['time'] == 1.0:
-            rows[:, 0] *= _epoch_scale(rows[:, 0])
+            # Stamps since 1970 tell their unit by their size.
+            middle = float(np.nanmedian(rows[:, 0])) if np.isfinite(rows[:, 0]).any() else 0.0
+            rows[:, 0] *= next((scale for least, scale in _EPOCHS if abs(middle) > least), 1.0)
         return cls.of(path, names, rows, notes)
 
     @classmethod
@@ -257,12 +259,6 @@ def _place(path: Path, names: Sequence[str], bare: Sequence[str], name: str) -> 
         f'--columns: {path} has no column {name!r}; there are {", ".join(names)}, or numbers '
         f'from 1 to {len(names)}'
     )
-
-
-def _epoch_scale(times: Floats) -> float:
-    """Seconds in a unit of stamps since 1970, told by their size."""
-    middle = float(np.nanmedian(times)) if np.isfinite(times).any() else 0.0
-    return next((scale for least, scale in _EPOCHS if abs(middle) > least), 1.0)
 
 
 def _regular(

@@ -163,13 +163,14 @@ def delay_of(recording: Recording, drive: str) -> Delay:
     r2 = 1.0 - float(residual.var()) / max(spread**2, 1e-12)
     half = float(half_width(left_out(jacobian, residual, blocks_of(at))[:, :1])[0])
     known = r2 >= _LEAST_R2 and abs(delay) < _LARGEST_DELAY
+    moves = [power.at(time + shift)[:, 0] - problem.watts for shift in SHIFTS]
     return Delay(
         drive=drive,
         delay=IntervalEstimate.of(delay, half) if known else None,
         r2=r2,
         power=spread,
         refitted=problem.refitted(delay, spring),
-        moved=_moved(time, power),
+        moved=np.array([float(np.sqrt(np.nanmean(change**2))) for change in moves]),
         seconds=len(at) / _RATE,
     )
 
@@ -286,9 +287,3 @@ def _solved(x: Floats, y: Floats) -> Floats:
     size = np.where(size > 0, size, 1.0)
     scaled = x / size
     return np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=None)[0] / size
-
-
-def _moved(time: Floats, power: Curve) -> Floats:
-    watts = power.at(time)[:, 0]
-    changes = [power.at(time + shift)[:, 0] - watts for shift in SHIFTS]
-    return np.array([float(np.sqrt(np.nanmean(change**2))) for change in changes])

@@ -13,7 +13,7 @@ from wattwalk_core.arrays import Floats
 from power_daq.acquisition.assembly import Assembled, Assembler
 from power_daq.acquisition.stream_merger import CYCLIC, MergedRow, StreamMerger
 from power_daq.bus.description import DEVICE_ERROR, STALE, BusDescription
-from power_daq.bus.frame import FrameGroup, Route
+from power_daq.bus.frame import Frame, FrameGroup
 from power_daq.clock.mapping import ClockMapping, RosTime, Stamper
 
 _STATUS = 2
@@ -149,59 +149,56 @@ class Receiver:
             counts.remote_frames += 1
             return []
         key = message.arbitration_id | message.is_extended_id << 31
-        routes = self._routes.get(key)
-        if routes is None:
-            self._count_unrouted(key)
+        frames = self._routes.get(key)
+        if frames is None:
+            if key in self._description.known:
+                counts.unmapped += 1
+                return []
+            counts.unknown += 1
+            if key in self.unknown_ids or len(self.unknown_ids) < _REMEMBERED_IDS:
+                self.unknown_ids[key] += 1
             return []
         self.ros_time.follow(arrival)
         data = message.data
         if self._polled is not None:
             data = bytearray(self._polled.payload(bytes(data)))
-        return [sample for route in routes for sample in self._follow(route, data, arrival)]
+        return [sample for frame in frames for sample in self._follow(frame, data, arrival)]
 
-    def _count_unrouted(self, key: int) -> None:
-        if key in self._description.known:
-            self.counts.unmapped += 1
-            return
-        self.counts.unknown += 1
-        if key in self.unknown_ids or len(self.unknown_ids) < _REMEMBERED_IDS:
-            self.unknown_ids[key] += 1
-
-    def _follow(self, route: Route, data: bytearray, arrival: int) -> list[Sample]:
-        if len(data) != route.size:
+    def _follow(self, frame: Frame, data: bytearray, arrival: int) -> list[Sample]:
+        if len(data) != frame.size:
             self.counts.wrong_length += 1
-            self.wrong_lengths[f'{route.message}: {len(data)} bytes, not {route.size}'] += 1
+            self.wrong_lengths[f'{frame.name}: {len(data)} bytes, not {frame.size}'] += 1
             return []
-        if route.selector is not None and route.selector[0].read(data) != route.selector[1]:
+        if frame.selected is not None and frame.selected[0].read(data) != frame.selected[1]:
             return []
         self.counts.mapped += 1
         self.last_mapped = arrival
-        if route.time is None or route.counter is None:
-            interleaver = self.assemblers[route.group]
-            assert isinstance(interleaver, Interleaver)
+        assembler = self.assemblers.get(frame.group)
+        if frame.time_and_counter is None:
+            assert isinstance(assembler, Interleaver)
             return [
-                self._sample(route.group, done, done.device_time, 0)
-                for done in interleaver.assembled(route.slot, arrival, bytes(data))
+                self._sample(frame.group, done, done.device_time, 0)
+                for done in assembler.assembled(frame.slot, arrival, bytes(data))
             ]
-        clock = self.clocks[route.clock]
+        time, counter = frame.time_and_counter
+        clock = self.clocks[frame.clock]
         epoch = clock.epoch
-        device_time = clock.update(route.time.read(data), arrival)
+        device_time = clock.update(time.read(data), arrival)
         if clock.epoch != epoch and not clock.settled:
-            self._restart(route.clock)
-        assembler = self.assemblers.get(route.group)
+            self._restart(frame.clock)
         if not isinstance(assembler, Assembler):
             return []
-        counter = route.counter.read(data)
-        done = assembler.add(route.slot, counter, device_time, arrival, bytes(data))
+        raw = counter.read(data)
+        done = assembler.add(frame.slot, raw, device_time, arrival, bytes(data))
         if done is None:
             return []
-        clock = self.clocks[self._first_clock[route.group]]
+        clock = self.clocks[self._first_clock[frame.group]]
         if not clock.settled:
             self.counts.unsettled += 1
-            self.unsettled[route.group] += 1
+            self.unsettled[frame.group] += 1
             return []
         steady = clock.to_steady(done.device_time)
-        return [self._sample(route.group, done, steady, clock.epoch)]
+        return [self._sample(frame.group, done, steady, clock.epoch)]
 
     def _sample(self, group: str, done: Assembled, steady: int, epoch: int) -> Sample:
         """Return a sample taken at a steady time in ns, calibrated, its faults flagged."""

@@ -157,19 +157,15 @@ class StreamMerger(Generic[T]):
         time = next((t for t, _ in reference.rows if t >= after), None)
         if time is None or any(stream.rows[-1][0] < time for stream in waited):
             return None
-        number = self._number(time, reference.period)
+        number = 0
+        if self._given is not None:
+            before, since = self._given[0], time - self._given[1]
+            lost = since > self._loss * reference.period
+            number = before + (round(since / reference.period) if lost else 1)
+            self.lost += number - before - 1
+        self._given = number, time
         nothing = self._empty, self._empty, nan
         left, right, weight = zip(*(s.at(time) or nothing for s in self._streams), strict=True)
         for stream in self._streams:
             stream.forget(time)
         return MergedRow(number, time, left, right, weight)
-
-    def _number(self, time: int, period: float) -> int:
-        number = 0
-        if self._given is not None:
-            before, since = self._given[0], time - self._given[1]
-            step = round(since / period) if since > self._loss * period else 1
-            number = before + step
-            self.lost += step - 1
-        self._given = number, time
-        return number

@@ -1,6 +1,6 @@
 """Description of the bus of a robot: a DBC and the mapping of its signals to drives."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError, quoted
 
-from power_daq.bus.frame import FrameGroup, Route
+from power_daq.bus.frame import Frame, FrameGroup
 from power_daq.bus.mapping import REQUIRED, BusMapping, load_mapping
 from power_daq.bus.moteus import REGISTERS, MoteusRegisters
 
@@ -123,14 +123,14 @@ class BusDescription:
         return clocks
 
     @cached_property
-    def routes(self) -> Mapping[int, tuple[Route, ...]]:
-        """Routes of the frames of each identifier (bit 31 set if extended)."""
-        routes: dict[int, tuple[Route, ...]] = {}
-        for group in (*self.groups.values(), *self._sync):
-            for slot, frame in enumerate(group.frames):
-                # A servo's standard identifier may come in an extended frame.
-                for key in {frame.key, frame.key | 1 << 31} if self.polled else {frame.key}:
-                    routes[key] = (*routes.get(key, ()), Route.of(frame, group.name, slot))
+    def routes(self) -> Mapping[int, Sequence[Frame]]:
+        """Frames of each identifier (bit 31 set if extended)."""
+        routes: dict[int, list[Frame]] = {}
+        groups = (*self.groups.values(), *self._sync)
+        for frame in (frame for group in groups for frame in group.frames):
+            # A servo's standard identifier may come in an extended frame.
+            for key in {frame.key, frame.key | 1 << 31} if self.polled else {frame.key}:
+                routes.setdefault(key, []).append(frame)
         return routes
 
     def encode_sync(self, counter: int, device_us: int) -> list[can.Message]:

@@ -1,7 +1,6 @@
 """Frames of a bus, bound to the messages and signals of their DBC."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from typing import Any, Final
@@ -34,14 +33,21 @@ _LARGEST_STANDARD = 0x7FF
 class Frame:
     """A message of the DBC that carries samples: identifier, payload length, clock and counter.
 
-    name: the message's, with the drive of its node. time and counter are None where the device
-    sends none. selector: multiplexer signal and its value for this frame. Raises InputError for
-    a clock, counter or multiplexing that cannot be read.
+    name: the message's, with the drive of its node. group and slot: of the sample that it is part
+    of. time and counter are None where the device sends none. selector: multiplexer signal and its
+    value for this frame. The same as fields, for the receiver: time_and_counter, selected.
+    Raises InputError for a clock, counter or multiplexing that cannot be read.
     """
 
     def __init__(
-        self, database: Database, entry: FrameMapping, nodes: NodeNumbers | None = None
+        self,
+        database: Database,
+        entry: FrameMapping,
+        nodes: NodeNumbers | None,
+        group: str,
+        slot: int,
     ) -> None:
+        self.group, self.slot = group, slot
         messages = database.messages
         message = _named(messages, entry.message, f'mapping {entry.where}: message', 'the DBC')
         self.message: Message = message
@@ -56,14 +62,19 @@ class Frame:
         self.time: Signal | None = None
         self.counter: Signal | None = None
         self.ns_per_tick = 1.0
+        self.time_and_counter: tuple[Field, Field] | None = None
+        self.selected: tuple[Field, int] | None = None
         names = [given.source for _, _, given in entry.quantities()]
         if entry.time is not None and entry.counter is not None:
             self.time = find_signal(message, entry.time, entry)
             self.counter = find_signal(message, entry.counter, entry)
             _check_head(self.time, self.counter, entry)
             self.ns_per_tick = _TIME_UNITS[self.time.unit or ''] * float(self.time.scale)
+            self.time_and_counter = Field.of(self.time), Field.of(self.counter)
             names += [entry.time, entry.counter]
         self.selector = _selector(message, names, entry)
+        if self.selector is not None:
+            self.selected = Field.of(self.selector[0]), self.selector[1]
 
     @property
     def key(self) -> int:
@@ -83,30 +94,6 @@ class Frame:
             ticks = round(device_us * 1000 / self.ns_per_tick) % (1 << self.time.length)
             values = [ticks, counter % (1 << self.counter.length)]
         return values if self.selector is None else [*values, self.selector[1]]
-
-
-@dataclass(frozen=True)
-class Route:
-    """The fields of a frame that the receiver reads before its sample is complete."""
-
-    message: str
-    group: str
-    slot: int
-    size: int
-    time: Field | None
-    counter: Field | None
-    clock: str
-    selector: tuple[Field, int] | None
-
-    @classmethod
-    def of(cls, frame: Frame, group: str, slot: int) -> 'Route':
-        """Return the route of a frame in a slot of a group."""
-        time, counter, selector = None, None, None
-        if frame.time is not None and frame.counter is not None:
-            time, counter = Field.of(frame.time), Field.of(frame.counter)
-        if frame.selector is not None:
-            selector = Field.of(frame.selector[0]), frame.selector[1]
-        return cls(frame.name, group, slot, frame.size, time, counter, frame.clock, selector)
 
 
 def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
@@ -218,20 +205,26 @@ class FrameGroup:
         self.quantities = (*REQUIRED.get(self.name, ()), *optional)
         self.torque_at: dict[str, str] = {}
         self.torque_unit: dict[str, str] = {}
-        self.frames = tuple(Frame(database, entry, nodes) for entry in mapping.frames)
+        self.frames = tuple(
+            Frame(database, entry, nodes, mapping.name, slot)
+            for slot, entry in enumerate(mapping.frames)
+        )
         *bases, size = accumulate((frame.size for frame in self.frames), initial=0)
         data: list[tuple[Signal, int]] = []
         factors, places, slots = [], [], []
-        for slot, (entry, frame) in enumerate(zip(mapping.frames, self.frames, strict=True)):
+        for entry, frame in zip(mapping.frames, self.frames, strict=True):
             for drive, quantity, given in entry.quantities():
                 signal = find_signal(frame.message, given.source, entry)
                 row = self.quantities.index(quantity)
                 places.append(row * len(self.drives) + self.drives.index(drive))
-                data.append((signal, bases[slot]))
+                data.append((signal, bases[frame.slot]))
                 factors.append(factor_of(signal, given, quantity, entry))
-                slots.append(slot)
-                if quantity == 'torque':
-                    self._note_torque(drive, given, signal)
+                slots.append(frame.slot)
+                is_scaled = given.scale is not None
+                if not is_scaled and is_current(quantity, given.unit or signal.unit or ''):
+                    self.torque_unit[drive], self.torque_at[drive] = 'A', 'motor'
+                elif given.at:
+                    self.torque_at[drive] = given.at
             check_shared(entry)
         counter = self.frames[0].counter
         self.counter_bits = None if counter is None else counter.length
@@ -250,13 +243,6 @@ class FrameGroup:
             self._encoder = SignalLayout(data + heads, size, factors + head_factors)
         except LayoutError as error:
             raise InputError(f'mapping {mapping.frames[0].where}: {error}') from error
-
-    def _note_torque(self, drive: str, given: BusSignal, signal: Signal) -> None:
-        if given.scale is None and is_current('torque', given.unit or signal.unit or ''):
-            self.torque_unit[drive] = 'A'
-            self.torque_at[drive] = 'motor'
-        elif given.at:
-            self.torque_at[drive] = given.at
 
     def _check_frames(self, mapping: GroupMapping) -> None:
         for index, (frame, entry) in enumerate(zip(self.frames, mapping.frames, strict=True)):

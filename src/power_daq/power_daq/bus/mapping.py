@@ -273,13 +273,13 @@ def _check_complete(group: GroupMapping, where: str) -> None:
                 )
             seen[drive, quantity] = frame.message
     for drive in group.drives:
-        if {(drive, 'power'), (drive, 'current')} <= seen.keys():
+        there = [quantity for name, quantity in seen if name == drive]
+        if {'power', 'current'} <= {*there}:
             raise InputError(f'mapping {where}: drive {drive!r}: give current or power, not both')
+        given = [*there, 'current'] if 'power' in there else there
         for quantity in REQUIRED[group.name]:
-            if quantity == 'current' and (drive, 'power') in seen:
-                continue
-            if (drive, quantity) not in seen:
-                there = _listed(q for d, q in seen if d == drive)
+            if quantity not in given:
                 raise InputError(
-                    f'mapping {where}: drive {drive!r} has no {quantity!r}; there is {there}'
+                    f'mapping {where}: drive {drive!r} has no {quantity!r}; there is '
+                    f'{_listed(there)}'
                 )

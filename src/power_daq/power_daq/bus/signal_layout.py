@@ -7,6 +7,7 @@ import numpy as np
 from cantools.database.can.signal import Signal
 from numpy.typing import ArrayLike, NDArray
 from wattwalk_core.arrays import Floats
+from wattwalk_core.errors import InputError
 
 _EXACT_BITS = 53
 _FLOATS = {32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
@@ -18,7 +19,7 @@ def frame_length(size: int) -> int:
     return next(length for length in _FD_LENGTHS if length >= size)
 
 
-class LayoutError(ValueError):
+class LayoutError(InputError):
     """A signal of a form that cannot be read."""
 
 

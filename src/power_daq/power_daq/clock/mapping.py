@@ -113,10 +113,7 @@ class ClockMapping:
         Returns the device time in ns, unwrapped since the start of the epoch.
         """
         if self._raw is None:
-            self._raw, self._ticks, self._arrival = raw, raw, arrival
-            device = round(raw * self._tick)
-            self._begin(device, arrival - device)
-            return device
+            return self._restart(raw, arrival)
         elapsed = arrival - self._arrival
         gained = self._counter.advance(self._raw, raw, round(elapsed / self._tick))
         self._ticks += gained
@@ -129,10 +126,7 @@ class ClockMapping:
         leapt = gained * self._tick - elapsed > _EARLY
         if backward or (leapt and drifting and self._below_all(device, lag)):
             self.epoch += 1
-            self._ticks = raw
-            device = round(raw * self._tick)
-            self._begin(device, arrival - device)
-            return device
+            return self._restart(raw, arrival)
         self._newest = max(self._newest, device)
         self._sum += late
         self._count += 1
@@ -143,6 +137,12 @@ class ClockMapping:
                 self._move(device, lag, drifting)
         if device >= self._bin_end:
             self._close_bin(device, lag)
+        return device
+
+    def _restart(self, raw: int, arrival: int) -> int:
+        self._raw, self._ticks, self._arrival = raw, raw, arrival
+        device = round(raw * self._tick)
+        self._begin(device, arrival - device)
         return device
 
     def _below_all(self, device: int, lag: int) -> bool:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,21 +26,19 @@ _GONE = DriveSupply.STALE | DriveSupply.DEVICE_ERROR
 
 def check_order(wanted: Sequence[TerminalType], found: Sequence[SlaveIdentity]) -> None:
     """Raise SegmentError for the first position with a wrong, missing or additional slave."""
-    for place, kind in enumerate(wanted):
-        if place >= len(found):
+    for place, (kind, there) in enumerate(zip_longest(wanted, found)):
+        if kind is None:
+            raise SegmentError(
+                f'{describe(there)} at position {place} is not in the mapping, which ends after '
+                f'{len(wanted)}'
+            )
+        if there is None:
             raise SegmentError(
                 f'{kind} should be at position {place}, but the segment ends after '
                 f'{len(found)} of {len(wanted)} slaves: check cables and power behind it'
             )
-        if not kind.is_it(found[place]):
-            raise SegmentError(
-                f'{kind} should be at position {place}, there is {describe(found[place])}'
-            )
-    if len(found) > len(wanted):
-        raise SegmentError(
-            f'{describe(found[len(wanted)])} at position {len(wanted)} is not in the mapping, '
-            f'which ends after {len(wanted)}'
-        )
+        if not kind.is_it(there):
+            raise SegmentError(f'{kind} should be at position {place}, there is {describe(there)}')
 
 
 def assert_settings(

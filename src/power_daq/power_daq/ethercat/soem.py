@@ -4,7 +4,6 @@ import importlib
 import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from types import ModuleType
 from typing import Any
 
 from wattwalk_core.errors import InputError
@@ -38,7 +37,13 @@ class SoemSegment:
 
     def __init__(self, interface: str, timeout: float) -> None:
         self._interface, self._timeout = interface, round(_US * timeout)
-        self._soem = _pysoem()
+        try:
+            self._soem: Any = importlib.import_module('pysoem')
+        except ImportError as error:
+            raise InputError(
+                f'EtherCAT needs pysoem, which is not installed ({error}): '
+                'pip install pysoem==1.1.13'
+            ) from error
         limits = self._soem.settings.timeouts
         limits.ret = self._timeout
         for name in ('safe', 'eeprom', 'tx_mailbox', 'rx_mailbox', 'state'):
@@ -150,12 +155,3 @@ class SoemSegment:
             master.state = self._soem.INIT_STATE
             master.write_state()
         master.close()
-
-
-def _pysoem() -> ModuleType:
-    try:
-        return importlib.import_module('pysoem')
-    except ImportError as error:
-        raise InputError(
-            f'EtherCAT needs pysoem, which is not installed ({error}): pip install pysoem==1.1.13'
-        ) from error

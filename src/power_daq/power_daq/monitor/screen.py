@@ -142,12 +142,14 @@ def _sides(view: View, width: int) -> Table:
     table.add_column(no_wrap=True, width=_SIDE)
     table.add_column(no_wrap=True, overflow='ellipsis', width=max(10, width - _SIDE - 2))
     bus, segment = _of(view.reports, 'bus'), _of(view.reports, 'segment')
+    good = sum(report.level == 0 for report in view.reports.values())
+    nodes = f'{good} of {len(view.reports)} statuses ok' if view.reports else 'no diagnostics'
     right = [
         ('segment' if segment and not bus else 'bus', _devices(bus, segment)),
         ('clock', _clock(bus)),
         ('lost', _losses(view, bus, segment)),
         ('recorder', _recorder(view)),
-        ('nodes', _nodes(view)),
+        ('nodes', nodes),
     ]
     for topic, (name, text) in zip(view.topics, right, strict=True):
         stale = topic.age is None or topic.age > 2.0
@@ -206,11 +208,6 @@ def _recorder(view: View) -> str:
         return report.sentence
     size = report.figures.get('size [B]', '0')
     return f'{report.sentence}, {int(size) / 1e6:.1f} MB' if size.isdigit() else report.sentence
-
-
-def _nodes(view: View) -> str:
-    good = sum(report.level == 0 for report in view.reports.values())
-    return f'{good} of {len(view.reports)} statuses ok' if view.reports else 'no diagnostics'
 
 
 def _of(reports: Mapping[str, StatusReport], part: str) -> StatusReport | None:

@@ -212,7 +212,15 @@ class OutputRequest:
         InputError that gives the state of the output; after `OUTP ON` the output is switched off
         again and read back.
         """
-        self._check_ratings(instrument)
+        for value, rated, unit in (
+            (self.voltage, instrument.rated_voltage, 'V'),
+            (self.current, instrument.rated_current, 'A'),
+        ):
+            if value > rated:
+                raise InputError(
+                    f'{value:g} {unit} is more than the {rated:g} {unit} that '
+                    f'{instrument.identity.model} is made for'
+                )
         with _told('nothing was set or switched'):
             instrument.errors()
             if switch(instrument.ask('OUTP?')):
@@ -236,17 +244,6 @@ class OutputRequest:
             instrument.tell('SYST:LOCK OFF')
         model = instrument.identity.model
         return f'output of {model} switched on: {self.voltage:g} V, at most {self.current:g} A'
-
-    def _check_ratings(self, instrument: Instrument) -> None:
-        for value, rated, unit in (
-            (self.voltage, instrument.rated_voltage, 'V'),
-            (self.current, instrument.rated_current, 'A'),
-        ):
-            if value > rated:
-                raise InputError(
-                    f'{value:g} {unit} is more than the {rated:g} {unit} that '
-                    f'{instrument.identity.model} is made for'
-                )
 
     def _set(self, instrument: Instrument) -> None:
         for command, value, unit, rated in (

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from power_recordings.importing.channel_group import PositionRates
 from power_recordings.importing.convert import groups_of
-from power_recordings.importing.map_file import JOINT, ImportMap, Signal
+from power_recordings.importing.map_file import JOINT, ImportMap
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogColumn
 from wattwalk_core.arrays import Bools, Floats
@@ -241,7 +241,14 @@ class MapTopics:
     def __init__(self, mapping: ImportMap, where: str) -> None:
         self._patterns: dict[str, re.Pattern[str]] = {}
         self._required: dict[str, None] = {}
-        for place, signal in _signals(mapping):
+        signals = {
+            f'drives.{drive}.{quantity}': signal
+            for drive, entry in mapping.drives.items()
+            for quantity, signal in entry.signals().items()
+        }
+        supply = mapping.supply.signals()
+        signals |= {f'supply.{quantity}': signal for quantity, signal in supply.items()}
+        for place, signal in signals.items():
             if not signal.source:
                 continue
             name, colon, field = signal.source.partition(':')
@@ -258,7 +265,7 @@ class MapTopics:
         drives = [drive.signals() for drive in mapping.drives.values()]
         if any({'current', 'power'} & set(signals) for signals in drives):
             self.outputs.append('drive_supply')
-        if mapping.supply.signals():
+        if supply:
             self.outputs.append('supply')
         self.has_commands = any('command' in signals for signals in drives)
 
@@ -271,14 +278,6 @@ class MapTopics:
         """Return the names, as in the map, of which no topic is among those heard."""
         topics, patterns = list(heard), self._patterns
         return [name for name in self._required if not any(map(patterns[name].fullmatch, topics))]
-
-
-def _signals(mapping: ImportMap) -> Iterator[tuple[str, Signal]]:
-    for drive, entry in mapping.drives.items():
-        for quantity, signal in entry.signals().items():
-            yield f'drives.{drive}.{quantity}', signal
-    for quantity, signal in mapping.supply.signals().items():
-        yield f'supply.{quantity}', signal
 
 
 _S = 1_000_000_000
