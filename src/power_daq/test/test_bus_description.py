@@ -170,10 +170,11 @@ def test_another_robot_s_three_drives_over_three_frames_of_its_own_dbc(tmp_path)
     values = bus.groups['electrical'].decode([bytes(m.data) for m in sent])
     np.testing.assert_allclose(values[:2], [[48, 48, 48], [1, -2, 3]])
     first, second = bus.routes[0x18FECA00 | 1 << 31]
-    assert first.time.read(sent[0].data) == 10_000
-    assert first.counter.read(sent[0].data) == 2
-    assert [first.selector[0].read(m.data) for m in sent[:2]] == [0, 1]
-    assert (first.selector[1], second.selector[1]) == (0, 1)
+    time, counter = first.time_and_counter
+    assert time.read(sent[0].data) == 10_000
+    assert counter.read(sent[0].data) == 2
+    assert [first.selected[0].read(m.data) for m in sent[:2]] == [0, 1]
+    assert (first.selected[1], second.selected[1]) == (0, 1)
     assert bus.clocks == {'device': (100_000.0, 16)}
     with pytest.raises(ValueError, match='no joints frames'):
         bus.encode('joints', 0, 0, [0] * 3, [0] * 3, [0] * 3)

@@ -132,8 +132,9 @@ class Log:
         time, period, starts, stops = _regular(path, rows[:, 0] - rows[0, 0], np.diff(number) > 1)
         values = {key: rows[:, column].copy() for column, key in enumerate(names) if key != 'time'}
         notes += _clipping(path, values)
-        signals = (values.get(key) for key in QUANTITIES)
-        return cls(path, time, float(rows[0, 0]), period, starts, stops, *signals, tuple(notes))
+        volts, amps, watts = (values.get(key) for key in QUANTITIES)
+        begin = float(rows[0, 0])
+        return cls(path, time, begin, period, starts, stops, volts, amps, watts, tuple(notes))
 
 
 def _read_columns(

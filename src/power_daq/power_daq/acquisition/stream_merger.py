@@ -27,9 +27,9 @@ class MergedRow(NamedTuple, Generic[T]):
 
     number: int
     time: int
-    left: tuple[T, ...]
-    right: tuple[T, ...]
-    weight: tuple[float, ...]
+    left: list[T]
+    right: list[T]
+    weight: list[float]
 
 
 @dataclass
@@ -165,7 +165,8 @@ class StreamMerger(Generic[T]):
             self.lost += number - before - 1
         self._given = number, time
         nothing = self._empty, self._empty, nan
-        left, right, weight = zip(*(s.at(time) or nothing for s in self._streams), strict=True)
+        found = [stream.at(time) or nothing for stream in self._streams]
         for stream in self._streams:
             stream.forget(time)
+        left, right, weight = map(list, zip(*found, strict=True))
         return MergedRow(number, time, left, right, weight)
