@@ -135,11 +135,9 @@ class AnalyserComparison:
         correction takes its place. NaN in gaps.
         """
         measured, log, rate = self.measured, self.log, self.error_rate
-        gains, offsets = np.ones(2), np.zeros(2)
-        for place, name in enumerate(('voltage', 'current')):
-            if name in self.channels:
-                gains[place] = self.channels[name].gain.value
-                offsets[place] = self.channels[name].offset.value
+        known = [self.channels.get(name) for name in ('voltage', 'current')]
+        gains = np.array([1.0 if channel is None else channel.gain.value for channel in known])
+        offsets = np.array([0.0 if channel is None else channel.offset.value for channel in known])
         recorded, corrected = measured.power.runs, measured.corrected(gains, offsets).runs
         runs = [(t, np.hstack([p, c])) for (t, p), (_, c) in zip(recorded, corrected, strict=True)]
         both = Curve(tuple(runs), measured.curve.period)

@@ -12,7 +12,6 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
 from power_calibration.analyser.compare import compare_with_analyser
-from power_calibration.analyser.comparison import AnalyserComparison
 from power_calibration.analyser.curve import MeasuredDrive
 from power_calibration.analyser.figure import (
     COLUMNS,
@@ -45,7 +44,12 @@ def run(options: argparse.Namespace) -> None:
             if options.report is not None:
                 show(f'drawing {options.report}')
                 write_calibration(options.report, found)
-    _print(found)
+    console = output()
+    print_table(console, COLUMNS, rows(found), title=found.measured.drive)
+    for sentence in calibration_sentences(found):
+        console.print(sentence, soft_wrap=True)
+    for note in found.notes:
+        console.print(note, style='yellow', soft_wrap=True)
     for path in (options.output, options.json, options.report):
         if path is not None:
             print(path)
@@ -92,12 +96,3 @@ def _save(
         **{key: round(content[key], 4) for key in ('rmse_before_w', 'rmse_after_w')},
     }
     calibration.save(options.output, {**kept, **fresh}, about)
-
-
-def _print(found: AnalyserComparison) -> None:
-    console = output()
-    print_table(console, COLUMNS, rows(found), title=found.measured.drive)
-    for sentence in calibration_sentences(found):
-        console.print(sentence, soft_wrap=True)
-    for note in found.notes:
-        console.print(note, style='yellow', soft_wrap=True)

@@ -60,9 +60,7 @@ class Assembler:
         self._resync = False
         self._first: int | None = None
         self._closed = -1
-        self.received = 0
-        self.duplicates = 0
-        self.counter_jumps = 0
+        self.received = self.duplicates = self.counter_jumps = 0
         self.missing = [0] * self._slots
 
     @property
@@ -113,7 +111,7 @@ class Assembler:
         """Close all samples up to index; incomplete ones are lost."""
         if self._first is None:
             self._first = index
-        for late in [i for i in self._open if i <= index] if self._open else ():
+        for late in [i for i in self._open if i <= index]:
             part = self._open.pop(late)
             if late >= self._first:
                 for slot, payload in enumerate(part.payloads):

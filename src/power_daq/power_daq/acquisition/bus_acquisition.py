@@ -29,8 +29,7 @@ class QueryRounds:
     """
 
     def __init__(self, queries: Sequence[can.Message], period: float) -> None:
-        self._queries = queries
-        self._period = period
+        self._queries, self._period = queries, period
         self._next = 0.0
         self.sent = self.unsent = 0
 
@@ -151,12 +150,9 @@ class Acquisition(DeviceWorker):
         patience: Patience | None = None,
         queries: QueryRounds | None = None,
     ) -> None:
-        self.receiver = receiver
-        self._log = log
-        self._open_bus = open_bus
-        self._sink = sink
+        self.receiver, self.queries = receiver, queries
+        self._open_bus, self._sink, self._log = open_bus, sink, log
         self._patience = patience or Patience()
-        self.queries = queries
         super().__init__('acquisition', self._patience.first_retry, self._patience.last_retry)
         self._bus: can.BusABC | None = None
         self.absence = 'not opened yet'
@@ -221,6 +217,13 @@ _FAULTS = (
     *(' dropped unpublished', 'error frames', 'malformed packets', 'wrong length', 'unknown'),
     'steps of the system clock',
 )
+
+
+def some(names: Sequence[str]) -> str:
+    """Return the first of some names, and how many more there are."""
+    chosen = list(dict.fromkeys(names))
+    more = f' and {len(chosen) - _NAMED} more' if len(chosen) > _NAMED else ''
+    return ', '.join(chosen[:_NAMED]) + more
 
 
 class BusHealth:
@@ -329,16 +332,15 @@ class BusHealth:
     def _silent_frames(self) -> str:
         """Frames without device clock that do not come, with the comment that the DBC has."""
         now = time.monotonic_ns()
-        found: dict[str, None] = {}
+        found = []
         for name, interleaver in self._interleavers.items():
             frames = self._description.groups[name].frames
             for slot in interleaver.silent(now):
                 # A drive without thermistor sends no temperature.
                 if name != 'temperature' or interleaver.seen(slot):
                     note = ' '.join((frames[slot].message.comment or '').split())
-                    found[frames[slot].name + (f' ({note})' if note else '')] = None
-        more = f' and {len(found) - _NAMED} more' if len(found) > _NAMED else ''
-        return ', '.join([*found][:_NAMED]) + more
+                    found.append(frames[slot].name + (f' ({note})' if note else ''))
+        return some(found)
 
     def _unknown_nodes(self) -> str:
         """Nodes that frames come from and that the mapping does not name."""

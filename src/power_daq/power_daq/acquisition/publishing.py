@@ -125,8 +125,7 @@ class PublishingThread(Worker):
         finish: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__('publishing')
-        self._queue = queue
-        self._publish, self._finish = publish, finish
+        self._queue, self._publish, self._finish = queue, publish, finish
 
     def _work(self) -> None:
         while True:

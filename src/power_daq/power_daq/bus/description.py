@@ -97,9 +97,8 @@ class BusDescription:
         return max(group.rate for group in self.groups.values())
 
     def _known(self, database: Database) -> Iterator[int]:
-        shift, numbers = 0, [0]
-        if self.nodes is not None:
-            shift, numbers = self.nodes.shift, list(self.nodes.drives.values())
+        nodes = self.nodes
+        shift, numbers = (0, [0]) if nodes is None else (nodes.shift, nodes.drives.values())
         for message in database.messages:
             for number in numbers:
                 identifier = message.frame_id | number << shift

@@ -196,9 +196,7 @@ class FrameGroup:
         drives: Sequence[str],
         nodes: NodeNumbers | None = None,
     ) -> None:
-        self.name = mapping.name
-        self.rate = mapping.rate
-        self.drives = mapping.drives
+        self.name, self.rate, self.drives = mapping.name, mapping.rate, mapping.drives
         self.columns = np.array([drives.index(drive) for drive in self.drives], np.intp)
         mapped = {q for entry in mapping.frames for _, q, _ in entry.quantities()}
         optional = [q for q in OPTIONAL.get(self.name, ()) if q in mapped or q != 'power']

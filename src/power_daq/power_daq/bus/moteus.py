@@ -7,7 +7,7 @@ Nothing is ever written to a register. Protocol: moteus `docs/protocol/can.md`, 
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import pairwise
+from itertools import groupby
 from math import nan
 from typing import Final
 
@@ -46,9 +46,10 @@ class MoteusRegisters:
 
     def __init__(self, names: Iterable[str], servos: Mapping[str, int], host: int) -> None:
         numbers = sorted(REGISTERS[name] for name in set(names))
-        data = b''.join(
-            bytes([_READ_FLOATS, last - first + 1, first]) for first, last in _runs(numbers)
-        )
+        # Consecutive numbers, which one query reads, are equally far from their places.
+        runs = groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])
+        registers = ([number for _, number in run] for _, run in runs)
+        data = b''.join(bytes([_READ_FLOATS, len(run), run[0]]) for run in registers)
         self.queries = [
             can.Message(
                 arbitration_id=_REPLY_WANTED | host << 8 | servo,
@@ -74,13 +75,6 @@ class MoteusRegisters:
         except (IndexError, struct.error):
             return b''
         return _PAYLOAD.pack(*values.values()).ljust(_SIZE, b'\0')
-
-
-def _runs(numbers: list[int]) -> Iterator[tuple[int, int]]:
-    """Yield first and last of each run of consecutive numbers."""
-    edges = [-1, *(k for k, (a, b) in enumerate(pairwise(numbers)) if b != a + 1)]
-    for begin, end in pairwise([*edges, len(numbers) - 1]):
-        yield numbers[begin + 1], numbers[end]
 
 
 def _subframes(data: bytes) -> Iterator[tuple[int, float | None]]:

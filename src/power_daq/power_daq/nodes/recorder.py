@@ -58,8 +58,7 @@ class RecorderNode(Node):
     ) -> None:
         super().__init__('recorder')
         self.done: Future = Future()
-        self._recorder = recorder
-        self._card, self._bag, self._duration = card, bag, duration
+        self._recorder, self._card, self._bag, self._duration = recorder, card, bag, duration
         self._awaited = {self.resolve_topic_name(name) for name in _POWER} if wait else set()
         self._begun = 0.0
         self._best_effort: set[str] = set()

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 
 from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
 
+from power_daq.acquisition.bus_acquisition import some
 from power_daq.topics.republisher import Republisher
 
-_NAMED = 4
 _LAG = 1.0  # s between the stamps of topics that belong together
 _FAULTS = (' lost', ' out of order', ' not finite', ' restarts')
 
@@ -47,13 +47,13 @@ class TopicsHealth:
                 f'{name} ({"no such topic" if name in there else "no message yet"})'
                 for name in waiting
             ]
-            return Level.ERROR, f'waiting for {_some(reasons)}'
+            return Level.ERROR, f'waiting for {some(reasons)}'
         if source.plan is None:
             return Level.OK, 'waiting for more drives'
         groups = source.groups.values()
         silent = [t for g in groups for t in g.topics if not news.get(f'{t} messages') and span]
         if silent:
-            return Level.ERROR, f'no message in the last second of {_some(silent)}'
+            return Level.ERROR, f'no message in the last second of {some(silent)}'
         late = [
             f'{topic} by {group.lag(topic):.1f} s'
             for group in groups
@@ -62,18 +62,11 @@ class TopicsHealth:
         ]
         if late:
             return Level.WARN, (
-                f'stamps lag behind those of other topics: {_some(late)}; '
+                f'stamps lag behind those of other topics: {some(late)}; '
                 'time: {stamp: log} in the map takes the times of receipt'
             )
         if found := faults(news, lambda name: name.endswith(_FAULTS)):
             return Level.WARN, f'in the last second: {found}'
         if new := [topic for topic in present if source.is_left_out(topic)]:
-            return Level.WARN, f'came too late and is left out: {_some(new)}; start again'
+            return Level.WARN, f'came too late and is left out: {some(new)}; start again'
         return Level.OK, 'republishing'
-
-
-def _some(names: Sequence[str]) -> str:
-    """Return the first of some names, and how many more there are."""
-    chosen = list(dict.fromkeys(names))
-    more = f' and {len(chosen) - _NAMED} more' if len(chosen) > _NAMED else ''
-    return ', '.join(chosen[:_NAMED]) + more
