@@ -7,7 +7,6 @@ from math import nan
 import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 from wattwalk_core.worker import Worker
 
 from drive_power_msgs.msg import DriveSupply
@@ -17,10 +16,6 @@ from power_daq.acquisition.receiver import Sample
 _S = 1_000_000_000
 _TEMPERATURE_LIFETIME = 2 * _S
 _READ = 0.1
-
-
-def _set_stamp(header: Header, nanoseconds: int) -> None:
-    header.stamp.sec, header.stamp.nanosec = divmod(nanoseconds, _S)
 
 
 class SupplyPublisher:
@@ -75,7 +70,7 @@ class SupplyPublisher:
         if not samples:
             return 0
         first = samples[0]
-        _set_stamp(message.header, first.stamp)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(first.stamp, _S)
         message.sequence = first.sequence
         message.device_time = array('Q', [max(0, sample.device_time) for sample in samples])
         values = np.concatenate([sample.values for sample in samples], axis=1)
@@ -104,7 +99,7 @@ class JointStatePublisher:
     def take(self, sample: Sample) -> int:
         """Publish a sample; return 1, the number that went out."""
         message, values = self._message, sample.values
-        _set_stamp(message.header, sample.stamp)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(sample.stamp, _S)
         message.position = array('d', values[0].tobytes())
         message.velocity = array('d', values[1].tobytes())
         message.effort = array('d', values[2].tobytes())

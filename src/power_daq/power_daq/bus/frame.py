@@ -35,7 +35,8 @@ class Frame:
 
     name: the message's, with the drive of its node. group and slot: of the sample that it is part
     of. time and counter are None where the device sends none. selector: multiplexer signal and its
-    value for this frame. The same as fields, for the receiver: time_and_counter, selected.
+    value for this frame. head: all these signals, as far as it has them. The same as fields, for
+    the receiver: time_and_counter, selected.
     Raises InputError for a clock, counter or multiplexing that cannot be read.
     """
 
@@ -61,6 +62,7 @@ class Frame:
         self.clock = entry.clock
         self.time: Signal | None = None
         self.counter: Signal | None = None
+        self.head: list[Signal] = []
         self.ns_per_tick = 1.0
         self.time_and_counter: tuple[Field, Field] | None = None
         self.selected: tuple[Field, int] | None = None
@@ -70,22 +72,18 @@ class Frame:
             self.counter = find_signal(message, entry.counter, entry)
             _check_head(self.time, self.counter, entry)
             self.ns_per_tick = _TIME_UNITS[self.time.unit or ''] * float(self.time.scale)
+            self.head = [self.time, self.counter]
             self.time_and_counter = Field.of(self.time), Field.of(self.counter)
             names += [entry.time, entry.counter]
         self.selector = _selector(message, names, entry)
         if self.selector is not None:
+            self.head.append(self.selector[0])
             self.selected = Field.of(self.selector[0]), self.selector[1]
 
     @property
     def key(self) -> int:
         """Identifier as SocketCAN writes it: bit 31 marks an extended one."""
         return self.identifier | self.is_extended << 31
-
-    @property
-    def head(self) -> list[Signal]:
-        """Clock, counter and multiplexer, as far as the frame has them."""
-        selector = None if self.selector is None else self.selector[0]
-        return [signal for signal in (self.time, self.counter, selector) if signal is not None]
 
     def head_values(self, counter: int, device_us: int) -> list[int]:
         """Return raw values of `head`; counter and clock wrap."""
@@ -182,7 +180,7 @@ def check_shared(entry: FrameMapping) -> None:
 
 
 class FrameGroup:
-    """The frames of one sample of Q quantities of D drives; none of a frame that is all clock.
+    """The frames of one sample of Q quantities of D drives; both are 0 of a sync frame.
 
     Values are [Q, D] in SI units, in the order of `quantities` and `drives`; columns are the
     drives' indices among all drives of the bus; slots [Q, D] are the indices of the frames that

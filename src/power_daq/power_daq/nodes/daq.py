@@ -77,8 +77,7 @@ class DaqNode(Node):
         return made
 
     def _publish(self, sample: Sample) -> None:
-        publish = self._publishers_by_group.get(sample.group)
-        if publish is not None:
+        if publish := self._publishers_by_group.get(sample.group):
             self._count(sample.group, partial(publish, sample))
 
     def _flush(self) -> None:

@@ -132,9 +132,12 @@ class LiveGroup:
         self.drives = tuple(dict.fromkeys(drive for drive, _ in group.channels))
         self._rows = ROWS[name]
         self._shape = len(self._rows), len(self.drives)
+        self._constants = np.full(self._shape, np.nan)
         by_topic: dict[str, list[tuple[str, LogChannel]]] = {}
         for drive, channel in group.channels:
-            if channel.stream is not None:
+            if channel.stream is None:
+                self._constants.flat[self._place(drive, channel.quantity)] = channel.constant()
+            else:
                 by_topic.setdefault(channel.stream, []).append((drive, channel))
         self.topics = sorted(by_topic, key=lambda topic: -len(by_topic[topic]))
         members = [by_topic[topic] for topic in self.topics]
@@ -142,10 +145,6 @@ class LiveGroup:
         places = [self._place(drive, c.quantity) for part in members for drive, c in part]
         self._places = np.array(places, np.intp)
         self._slots = np.repeat(np.arange(len(members)), [len(part) for part in members])
-        self._constants = np.full(self._shape, np.nan)
-        for drive, channel in group.channels:
-            if channel.stream is None:
-                self._constants.flat[self._place(drive, channel.quantity)] = channel.constant()
         self._derived = [self._place(drive, 'velocity') for drive in group.derived]
         self._positions = [places.index(self._place(drive, 'position')) for drive in group.derived]
         self._last: dict[str, int] = {}
