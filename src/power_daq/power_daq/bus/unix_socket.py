@@ -17,9 +17,8 @@ from can.bus import CanProtocol
 
 _TIME = struct.Struct('<Q')
 _HEAD = struct.Struct('<IBBxx')
-_REMOTE = 1 << 30
-_OF_IDENTIFIER = {'is_extended_id': 1 << 31, 'is_remote_frame': _REMOTE, 'is_error_frame': 1 << 29}
-_OF_FLAGS = {'bitrate_switch': 1, 'error_state_indicator': 2, 'is_fd': 4}
+_EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
+_BITRATE_SWITCH, _ERROR_STATE, _FD = 1, 2, 4
 _FRAMES_PER_PACKET = 256
 _PACKET_BYTES = _TIME.size + _FRAMES_PER_PACKET * (_HEAD.size + 64)
 _BUFFER_BYTES = 4 << 20
@@ -35,9 +34,11 @@ def pack(messages: Iterable[can.Message]) -> bytes:
     """
     parts: list[bytes | bytearray] = [_TIME.pack(time.time_ns())]
     for m in messages:
-        marks = sum(bit for name, bit in _OF_IDENTIFIER.items() if getattr(m, name))
-        flags = sum(bit for name, bit in _OF_FLAGS.items() if getattr(m, name))
-        parts += [_HEAD.pack(m.arbitration_id | marks, m.dlc, flags), m.data]
+        identifier = m.arbitration_id | (_EXTENDED if m.is_extended_id else 0)
+        identifier |= (_REMOTE if m.is_remote_frame else 0) | (_ERROR if m.is_error_frame else 0)
+        flags = (_FD if m.is_fd else 0) | (_BITRATE_SWITCH if m.bitrate_switch else 0)
+        flags |= _ERROR_STATE if m.error_state_indicator else 0
+        parts += [_HEAD.pack(identifier, m.dlc, flags), m.data]
     return b''.join(parts)
 
 
@@ -61,11 +62,15 @@ def unpack(packet: bytes, channel: str) -> list[can.Message]:
             can.Message(
                 timestamp=timestamp,
                 arbitration_id=identifier & 0x1FFFFFFF,
+                is_extended_id=bool(identifier & _EXTENDED),
+                is_remote_frame=bool(identifier & _REMOTE),
+                is_error_frame=bool(identifier & _ERROR),
                 channel=channel,
                 dlc=length,
                 data=data,
-                **{name: bool(identifier & bit) for name, bit in _OF_IDENTIFIER.items()},
-                **{name: bool(flags & bit) for name, bit in _OF_FLAGS.items()},
+                is_fd=bool(flags & _FD),
+                bitrate_switch=bool(flags & _BITRATE_SWITCH),
+                error_state_indicator=bool(flags & _ERROR_STATE),
             )
         )
     return messages
