@@ -5,10 +5,9 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 from wattwalk_core.processes import ChildProcess, wait_until
 
@@ -108,12 +107,6 @@ class RunningNode:
             self.state = f'ended, code {code}' if code in SOUND_ENDS else f'failed, code {code}'
         self._unread += self.log.rest()
 
-    def begin_end(self) -> None:
-        """Interrupt the node with SIGINT, if it runs."""
-        if self.process.running:
-            self.state, self.since = 'ending', time.monotonic()
-            self.process.interrupt()
-
     def failure(self) -> str | None:
         """Return one line about a node that has failed, None for others."""
         code = self.process.returncode
@@ -126,11 +119,11 @@ class RunningNode:
 class NodeGroup:
     """Nodes that are started together and end together, the policy runner first.
 
-    folder: of their logs. InputError for a package that is not installed, before any is started.
+    folder: of their logs. At the end of a `with` block none runs. InputError for a package that is
+    not installed, before any is started.
     """
 
     def __init__(self, commands: Sequence[NodeCommand], folder: Path) -> None:
-        # All lines are made first: a package that is not installed starts nothing.
         lines = {command.name: command.line() for command in commands}
         self.nodes: list[RunningNode] = []
         try:
@@ -154,8 +147,9 @@ class NodeGroup:
         """End all nodes, within 48 s; look: called several times a second meanwhile."""
         first = [[node for node in self.nodes if node.name == name] for name in _FIRST]
         for stage in (*first, [node for node in self.nodes if node.name not in _FIRST]):
-            for node in stage:
-                node.begin_end()
+            for node in (node for node in stage if node.process.running):
+                node.state, node.since = 'ending', time.monotonic()
+                node.process.interrupt()
             self._wait_for(stage, look)
         look()
 
@@ -184,12 +178,8 @@ class NodeGroup:
             for process in running:
                 process.kill()
 
+    def __enter__(self) -> Self:
+        return self
 
-@contextmanager
-def started(commands: Sequence[NodeCommand], folder: Path) -> Iterator[NodeGroup]:
-    """Start nodes, whose logs go to a folder; at the end none runs."""
-    group = NodeGroup(commands, folder)
-    try:
-        yield group
-    finally:
-        group.kill()
+    def __exit__(self, *_: object) -> None:
+        self.kill()

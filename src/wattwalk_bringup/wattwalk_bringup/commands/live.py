@@ -18,11 +18,9 @@ from wattwalk_core.command import DeferredSignals
 from wattwalk_core.console import output
 from wattwalk_core.errors import printable
 
-from wattwalk_bringup.node_group import RunningNode, started
+from wattwalk_bringup.node_group import NodeGroup, RunningNode
 from wattwalk_bringup.node_set import commands
 from wattwalk_bringup.settings import BringupSettings, as_text
-
-Display = Callable[[Sequence[RunningNode]], None]
 
 
 def print_news(states: dict[str, str], nodes: Sequence[RunningNode]) -> None:
@@ -59,7 +57,7 @@ def node_table(nodes: Sequence[RunningNode]) -> Table:
 
 
 @contextmanager
-def display() -> Iterator[Display]:
+def display() -> Iterator[Callable[[Sequence[RunningNode]], None]]:
     """Yield a function that updates nodes and shows them, in a table where it is a terminal."""
     console = output()
     if not console.is_terminal:
@@ -80,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(tempfile.mkdtemp(prefix='wattwalk_live_'))
     # The recorder counts its own duration.
     limit = settings.duration if settings.duration and not settings.record_counts else 0.0
-    with DeferredSignals() as signals, started(wanted, folder) as group:
+    with DeferredSignals() as signals, NodeGroup(wanted, folder) as group:
         begin = time.monotonic()
         with display() as show:
             while signals.received is None and group.ended is None:
