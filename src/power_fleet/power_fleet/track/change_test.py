@@ -66,25 +66,6 @@ def profiles(count: int) -> list[Profile]:
 
 
 @dataclass(frozen=True)
-class Courses:
-    """The n profiles that are tried, their courses [n, M] and their penalties [n]."""
-
-    profiles: Sequence[Profile]
-    courses: Floats
-    penalty: Floats
-
-    @classmethod
-    def of(cls, time: Floats) -> 'Courses':
-        """Build the profiles to try for recordings at times in s [M]."""
-        every = profiles(len(time))
-        return cls(
-            every,
-            np.stack([profile.over(time) for profile in every]),
-            np.array([profile.penalty(len(time)) for profile in every]),
-        )
-
-
-@dataclass(frozen=True)
 class Change:
     """A change of one hypothesis (an effect or a fault) with its profile."""
 
@@ -211,42 +192,47 @@ class ChangeModel:
         It is level and slopes of each estimate, and the known changes.
         """
         count, m = self.values.shape
-        p = self.design.shape[1]
-        x = np.zeros((count, m, p * m))
-        for place in range(p):
-            x[:, np.arange(m), place * m + np.arange(m)] = self.design[:, place, None]
-        for regressor in self._changed():
-            x = np.concatenate([x, regressor[..., None]], axis=2)
+        each = np.einsum('tp,mn->tmpn', self.design, np.eye(m)).reshape(count, m, -1)
+        x = np.concatenate(
+            [each, *(regressor[..., None] for regressor in self._changed())], axis=2
+        )
         weighted = self.precision @ x
         inverse = np.linalg.pinv(np.einsum('tmq,tmr->qr', x, weighted), hermitian=True)
         sizes = inverse @ np.einsum('tmq,tm->q', weighted, self.values)
         return weighted, np.asarray(inverse), np.asarray(sizes)
 
+    @cached_property
+    def _tried(self) -> tuple[list[Profile], Floats, Floats]:
+        """The n profiles that are tried, their courses [n, M] and their penalties [n]."""
+        tried = profiles(len(self.time))
+        courses = np.stack([profile.over(self.time) for profile in tried])
+        return tried, courses, np.array([own.penalty(len(self.time)) for own in tried])
+
     def best(self, hypotheses: Sequence[str]) -> list[Change]:
         """Return the likeliest change of each hypothesis, the best first."""
-        search = Courses.of(self.time)
-        sizes, squared = self._swept(hypotheses, search)
-        places = np.argmax(squared - search.penalty[:, None], axis=0)
+        tried, courses, penalty = self._tried
+        sizes, squared = self._swept(hypotheses, courses)
+        places = np.argmax(squared - penalty[:, None], axis=0)
         out = []
         for column, (name, place) in enumerate(zip(hypotheses, places, strict=True)):
             size, statistic = float(sizes[place, column]), float(squared[place, column])
             error = abs(size) / max(float(np.sqrt(statistic)), 1e-12)
-            out.append(Change(name, search.profiles[place], size, error, statistic))
+            out.append(Change(name, tried[place], size, error, statistic))
         return sorted(out, key=lambda change: -self.evidence(change))
 
-    def _swept(self, hypotheses: Sequence[str], search: Courses) -> tuple[Floats, Floats]:
-        """Sizes and squared t values of n courses and the hypotheses, [n, H]."""
+    def _swept(self, hypotheses: Sequence[str], courses: Floats) -> tuple[Floats, Floats]:
+        """Sizes and squared t values [n, H] of changes by n courses [n, M], of H hypotheses."""
         directions = np.stack([self.direction(name) for name in hypotheses], axis=1)
         weighted, inverse, sizes = self._nuisance
         own = weighted.transpose(0, 2, 1) @ directions  # [M, q, H]
         turned = self.precision @ directions  # [M, m, H]
         score = np.einsum('tmh,tm->th', turned, self.values) - np.einsum('tqh,q->th', own, sizes)
         alone = np.einsum('tmh,mh->th', turned, directions)
-        top = search.courses @ score
-        own_part = np.square(search.courses) @ alone
+        top = courses @ score
+        own_part = np.square(courses) @ alone
         bottom = own_part.copy()
         for column in range(directions.shape[1]):
-            shared = search.courses @ own[..., column]
+            shared = courses @ own[..., column]
             bottom[:, column] -= np.einsum('nq,nq->n', shared @ inverse, shared)
         known = bottom < _OWN_PART * own_part  # covariates and known changes say it already
         bottom = np.maximum(bottom, _OWN_PART * own_part)
@@ -255,8 +241,7 @@ class ChangeModel:
     def kept(self, change: Change) -> float:
         """Return the squared t value that a change has beside covariates and known changes."""
         course = change.profile.over(self.time)[None]
-        alone = Courses((change.profile,), course, np.zeros(1))
-        return float(self._swept((change.hypothesis,), alone)[1].item())
+        return float(self._swept((change.hypothesis,), course)[1].item())
 
     def evidence(self, change: Change) -> float:
         """Return the statistic of a change less the penalty of its profile."""
@@ -267,11 +252,11 @@ class ChangeModel:
 
         Without a change, recordings may trade places; covariates go with them. orders: [B, M].
         """
-        search = Courses.of(self.time)
+        _, courses, penalty = self._tried
         out = np.empty(len(orders))
         for place, order in enumerate(orders):
-            _, squared = replace(self, order=order)._swept(hypotheses, search)
-            out[place] = (squared - search.penalty[:, None]).max()
+            _, squared = replace(self, order=order)._swept(hypotheses, courses)
+            out[place] = (squared - penalty[:, None]).max()
         return out
 
     def with_changes(self, *changes: Change, scatter: Floats | None = None) -> 'ChangeModel':
@@ -287,10 +272,10 @@ class ChangeModel:
         count = len(self.changes)
         errors = np.sqrt(np.maximum(np.diag(inverse)[-count:], 1e-300))
         return tuple(
-            replace(
-                change, size=float(size), error=float(error), statistic=float((size / error) ** 2)
+            Change(own.hypothesis, own.profile, size, error, (size / error) ** 2)
+            for own, size, error in zip(
+                self.changes, found[-count:].tolist(), errors.tolist(), strict=True
             )
-            for change, size, error in zip(self.changes, found[-count:], errors, strict=True)
         )
 
     @cached_property

@@ -1,5 +1,6 @@
 """Estimates of one drive over its recordings, with what the recordings had in common or not."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -63,8 +64,7 @@ def histories(fits: Sequence[RecordingFit]) -> list[DriveHistory]:
 def _history(label: str, drive: str, fits: Sequence[RecordingFit]) -> DriveHistory:
     labels = fits[0].labels
     fits = [fit for fit in fits if fit.labels == labels]
-    place = [fit.drives.index(drive) for fit in fits]
-    pairs = list(zip(fits, place, strict=True))
+    pairs = [(fit, fit.drives.index(drive)) for fit in fits]
     covariates = _covariates(pairs)
     names = _chosen(covariates, len(fits))
     columns = [covariates[name][:, None] for name in names]
@@ -105,10 +105,8 @@ def _covariates(pairs: Sequence[tuple[RecordingFit, int]]) -> dict[str, Floats]:
     motions = [fit.occasion.motions or {} for fit, _ in pairs]
     for kind in dict.fromkeys(key for own in motions for key in own):
         words = [own.get(kind, '') for own in motions]
-        counts = {word: words.count(word) for word in dict.fromkeys(words)}
-        common = sorted(counts, key=lambda word: -counts[word])
-        for word in common[1:]:
-            if counts[word] >= _LEAST_OF_KIND:
+        for word, number in Counter(words).most_common()[1:]:
+            if number >= _LEAST_OF_KIND:
                 out[f'{kind} {word or "unknown"}'] = np.array([float(w == word) for w in words])
     known = {name: _standard(values) for name, values in out.items() if _varies(values)}
     if 'temperature' in known:

@@ -237,12 +237,8 @@ class Tracked:
     def _change(self, drive: int, column: int) -> dict[str, Any]:
         history, points = self.histories[drive], self.points[drive]
         name, term = history.labels[column]
-        own = (
-            finding
-            for finding in self.result.findings
-            if finding.drive == drive and finding.change.hypothesis == name and term == 0
-        )
-        finding = next(own, None)
+        own = [one for one in self.result.findings if one.drive == drive and term == 0]
+        finding = next((one for one in own if one.change.hypothesis == name), None)
         if finding is None:
             level, error = float(points.level[column]), float(points.level_errors[column])
             certainty = self.result.certainties[drive].get(name, 0.0) if term == 0 else 0.0

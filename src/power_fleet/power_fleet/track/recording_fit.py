@@ -13,7 +13,6 @@ import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Normal, modelled
 from power_estimator.effects.fit.delay_search import group_limits
-from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.reducer import REDUCED_RATE
@@ -75,7 +74,6 @@ def fit_recording(judge: Judge, model: EffectModel, occasion: Occasion) -> Recor
     fit = fitter.fit(structure.plus(*terms), iterations=4)
     values, covariance, inverse, gram = _solved(fitter, fit)
     columns = fit.design.columns
-    labels = fit.structure.labels
     responses = _responses(fitter, fit, inverse, gram)
     delays = fitter.delay_draws(fit, _DELAY_DRAWS, _SEED)
     of_grid = fitter.settings.fine_delay / np.sqrt(12.0)  # s, standard deviation
@@ -87,7 +85,7 @@ def fit_recording(judge: Judge, model: EffectModel, occasion: Occasion) -> Recor
     return RecordingFit(
         occasion=occasion,
         drives=fitter.prepared.names,
-        labels=(*labels, (TIME_OFFSET, 0)),
+        labels=(*fit.structure.labels, (TIME_OFFSET, 0)),
         values=values,
         covariance=covariance,
         responses=responses,
@@ -105,9 +103,8 @@ def _solved(fitter: Fitter, fit: Fit) -> tuple[Floats, Floats, Floats, Floats]:
     A bounded estimate is no longer linear in the power: next to a bound its mean and its spread
     say little of a change. The prior of the errors of measurement stays.
     """
-    normal, design = fit.normal, fit.design
-    prior = design.structure.priors(fitter.scale)
-    _, _, ridge = group_limits(design, prior, fitter.weight, fitter.groups)
+    normal, prior = fit.normal, fit.design.structure.priors(fitter.scale)
+    _, _, ridge = group_limits(fit.design, prior, fitter.weight, fitter.groups)
     drawn = fitter.drawn(_DRAWS, _SEED)
     drives, m = normal.moment.shape[1:]
     values, covariance = np.empty((drives, m)), np.empty((drives, m, m))
@@ -130,13 +127,9 @@ def _solved(fitter: Fitter, fit: Fit) -> tuple[Floats, Floats, Floats, Floats]:
 
 def _responses(fitter: Fitter, fit: Fit, inverse: Floats, gram: Floats) -> dict[str, Floats]:
     """Estimates [D, m] per unit of each effect's first term and of each fault."""
-    structure: Structure = fit.structure
-    known = inverse @ gram
-    out: dict[str, Floats] = {}
-    for column, (name, term) in enumerate(structure.labels):
-        if term == 0:
-            out[name] = known[..., column]
-    design = fit.design
+    known, design = inverse @ gram, fit.design
+    labels = fit.structure.labels
+    out = {name: known[..., place] for place, (name, term) in enumerate(labels) if term == 0}
     power = modelled(design.columns, fit.coefficients) + design.constant
     normal = Normal.of(design.columns, power, fit.blocks)
     moment = np.einsum('bd,bdm->dm', fit.weights * normal.valid, normal.moment)
@@ -152,17 +145,13 @@ def _with_delay(
     spread: float,
 ) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Append the delay, which all drives have in common, as a last coefficient of each."""
-    drives, m = values.shape
-    joined = np.concatenate([values, np.full((drives, 1), delay)], axis=1)
-    wider = np.zeros((drives, m + 1, m + 1))
-    wider[:, :m, :m] = covariance
-    wider[:, m, m] = spread
-    out = {
-        name: np.concatenate([own, np.zeros((drives, 1))], axis=1)
-        for name, own in responses.items()
-    }
-    out[TIME_OFFSET] = np.zeros((drives, m + 1))
-    out[TIME_OFFSET][:, m] = 1.0
+    last = ((0, 0), (0, 1))
+    joined = np.pad(values, last, constant_values=delay)
+    wider = np.pad(covariance, (*last, (0, 1)))
+    wider[:, -1, -1] = spread
+    out = {name: np.pad(own, last) for name, own in responses.items()}
+    out[TIME_OFFSET] = np.zeros_like(joined)
+    out[TIME_OFFSET][:, -1] = 1.0
     return joined, wider, out
 
 

@@ -38,16 +38,14 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
     """
     if len(models) < _LEAST_DRIVES:
         return {}
-    levels = [model.levels for model in models]
+    levels = [np.stack(model.levels) for model in models]
     out = {}
     for label in models[0].history.labels:
-        places = [
-            model.history.labels.index(label) for model in models if label in model.history.labels
-        ]
-        if len(places) < len(models):
+        if any(label not in model.history.labels for model in models):
             continue
-        values = np.array([level[0][i] for level, i in zip(levels, places, strict=True)])
-        errors = np.array([level[1][i] for level, i in zip(levels, places, strict=True)])
+        places = [model.history.labels.index(label) for model in models]
+        own = [level[:, i] for level, i in zip(levels, places, strict=True)]
+        values, errors = np.transpose(own)
         with np.errstate(all='ignore'):
             found = combine_effects(values, np.maximum(errors, 1e-12) ** 2, method_re='dl')
         # The estimate of its square may be negative, or none where all values are the same.
