@@ -72,13 +72,11 @@ class WorkbenchSession:
     @property
     def source(self) -> Source:
         """Recordings and effects; InputError before they are open or for effects not allowed."""
-        opened = self.record.opened
-        if opened is None:
-            raise InputError('no recording is open; choose one first')
-        for file in self.record.effect_files:
+        source = Source.of(self.record)
+        for file in source.effect_files:
             if file not in self.approved:
                 raise InputError(f'the session uses effects of {file}; allow this file to be run')
-        return Source.of(opened, self.record.effect_files)
+        return source
 
     @property
     def allowed_effects(self) -> tuple[str, ...]:
@@ -128,10 +126,7 @@ class WorkbenchSession:
         return next(path for path in paths if not path.exists())
 
     def _key(self) -> Key | None:
-        opened = self.record.opened
-        if opened is None:
-            return None
-        return Source.of(opened, self.record.effect_files), self.spec
+        return None if self.record.opened is None else (Source.of(self.record), self.spec)
 
     def take(self, *steps: SessionStep) -> None:
         """Begin to take steps one after the other; InputError while other work runs."""
@@ -260,21 +255,14 @@ class WorkbenchSession:
             self.runner.run(_STAGES[step.kind], 'effects', {'files': files})
             return
         if step.kind == 'open':
-            after = self.record.do(step)
-            source = Source.of(step, after.effect_files)
-            kept = self._kept(source)
-            if kept is not None:
+            source = Source.of(self.record.do(step))
+            if (kept := self._kept(source)) is not None:
                 self._done(kept)
             else:
                 self.runner.run('Opening', 'open', {'source': source, 'spec': self.spec})
             return
-        name = self.record.next_model()
-        arguments = {
-            'source': self.source,
-            'spec': self.spec,
-            'step': step,
-            'output': self.folder / name,
-        }
+        output = self.folder / self.record.next_model()
+        arguments = {'source': self.source, 'spec': self.spec, 'step': step, 'output': output}
         self.runner.run(f'{_STAGES[step.kind]} {", ".join(step.effects)}', 'shape', arguments)
 
     def _refresh(self) -> None:

@@ -1,13 +1,14 @@
 """Recordings of a session as its worker reads them, and what a diagnosis of them finds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from power_estimator.effects import Catalogue, load_catalogue
+from wattwalk_core.errors import InputError
 
-from power_workbench.sessions.steps import SessionStep
+from power_workbench.sessions.steps import SessionRecord
 from power_workbench.views.view import PowerView, Singles
 
 
@@ -32,10 +33,13 @@ class Source:
     effect_files: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, opened: SessionStep, effect_files: Sequence[str] = ()) -> 'Source':
-        """Return the recordings of a step `open`."""
+    def of(cls, record: SessionRecord) -> 'Source':
+        """Return what a session has open; InputError before it has opened a recording."""
+        opened = record.opened
+        if opened is None:
+            raise InputError('no recording is open; choose one first')
         how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.without)
-        return cls(*how, opened.sha256, tuple(effect_files))
+        return cls(*how, opened.sha256, record.effect_files)
 
     @property
     def unchecked(self) -> 'Source':

@@ -1,7 +1,7 @@
 """One model on the recordings as arrays that a page is drawn from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -236,8 +236,7 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
 
 def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
     """Return the view of recordings without a model."""
-    state, words = describe_state(prepared, loaded)
-    return _view(prepared, loaded, prepared.power_at(0.0), None, state, words, {}, None)
+    return _view(prepared, loaded, prepared.power_at(0.0), *describe_state(prepared, loaded))
 
 
 def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]) -> PowerView:
@@ -249,27 +248,17 @@ def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]
         'sensor_noise_w': content['sensor_noise_w'],
         'both_sides': [line for one in content['both_sides'].values() for line in one['text']],
     }
-    return _view(
-        comparison.prepared,
-        loaded,
-        judged.measured,
-        judged.residual,
-        comparison.state,
-        comparison.labels,
-        shown,
-        model,
-    )
+    view = _view(comparison.prepared, loaded, judged.measured, comparison.state, comparison.labels)
+    residual = judged.residual.astype(np.float32)
+    return replace(view, residual=residual, content=shown, model=model)
 
 
 def _view(
     prepared: Prepared,
     loaded: Loaded,
     measured: NDArray[np.float64],
-    residual: NDArray[np.float64] | None,
     state: Mapping[str, NDArray[np.float64]],
     words: Mapping[str, NDArray[np.str_]],
-    content: Mapping[str, Any],
-    model: Mapping[str, Any] | None,
 ) -> PowerView:
     scale, data = prepared.signals.scale, loaded.data
     first = [data.time[data.recording == one].min() for one in range(len(data.recordings))]
@@ -280,7 +269,6 @@ def _view(
         slots=slots_of(prepared),
         recording=prepared.recording,
         measured=measured.astype(np.float32),
-        residual=None if residual is None else residual.astype(np.float32),
         state={
             name: values.astype(np.float32)
             for name, values in state.items()
@@ -289,8 +277,6 @@ def _view(
         words={name: StateWords.of(own) for name, own in words.items()},
         noise=prepared.noise.astype(np.float32),
         still=tuple(standstill(scale, drive) for drive in range(len(prepared.signals.names))),
-        content=content,
-        model=model,
         time=prepared.time - np.asarray(first)[prepared.recording],
         left_out=loaded.left_out,
     )
