@@ -95,21 +95,14 @@ class ChildProcess:
         return next((line for line in reversed(self.output.split('\n')) if line), 'no output')
 
     def wait_for_line(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
-        """Wait until a regular expression is found in a line of the output; return the match.
+        """Return the match of a line yet to come; ProcessError at the end or after timeout [s]."""
 
-        Raises ProcessError where the process ends without it or timeout [s] is over.
-        """
-        found: re.Match[str] | None = None
+        def found() -> re.Match[str] | None:
+            return next(filter(None, (re.search(pattern, line) for line in self.lines)), None)
 
-        def over() -> bool:
-            nonlocal found
-            ended = not self.running
-            found = next(filter(None, (re.search(pattern, line) for line in self.lines)), None)
-            return ended or found is not None
-
-        in_time = wait_until(over, timeout)
-        if found is not None:
-            return found
+        in_time = wait_until(lambda: not self.running or found(), timeout)
+        if match := found():
+            return match
         if in_time:
             raise self._error(f'ended with code {self.returncode} before it said {pattern!r}')
         raise self._error(f'did not say {pattern!r} within {timeout:g} s')

@@ -92,14 +92,13 @@ class Quantity:
 
     def check(self, value: object, kind: type = float) -> float | int:
         """Return the value as `kind`, float or int; ValueError with the range for all else."""
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if kind is int and number and not float(value).is_integer():  # type: ignore[arg-type]
-            number = False
-        if not number or not self.low <= value <= self.high:  # type: ignore[operator]
-            whole = 'a whole number from ' if kind is int else ''
-            limits = f'{whole}{self.low:g} to {self.high:g} {self.unit}'.rstrip()
-            raise ValueError(f'expected {limits}, there is {quoted(value)}')
-        return kind(value)  # type: ignore[no-any-return]
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            is_sound = kind is not int or float(value).is_integer()
+            if is_sound and self.low <= value <= self.high:
+                return kind(value)  # type: ignore[no-any-return]
+        whole = 'a whole number from ' if kind is int else ''
+        limits = f'{whole}{self.low:g} to {self.high:g} {self.unit}'.rstrip()
+        raise ValueError(f'expected {limits}, there is {quoted(value)}')
 
     def __get_pydantic_core_schema__(self, source: Any, handler: 'Handler') -> 'CoreSchema':
         from pydantic_core import PydanticCustomError, core_schema  # slow to import
@@ -237,23 +236,18 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
             return f'{place}{quoted(key)} is there twice, once by its former name'
         there = f'; there can be {", ".join(known)}' if known else ''
         return f'{place}unknown key {quoted(key)}{there}'
-    place = _place(path)
-    context = error.get('ctx', {})
+    place, context = _place(path), error.get('ctx', {})
     if name == 'quantity':
         return f'{place}{error["msg"]}'
     if name == 'value_error':
         return f'{place}{context["error"]}'
-    value = quoted(error['input'])
-    if name == 'literal_error':
-        return f'{place}expected {context["expected"]}, there is {value}'
     if name in ('too_short', 'too_long'):
         bound = 'least' if name == 'too_short' else 'most'
         length = context.get('min_length', context.get('max_length'))
         return f'{place}expected at {bound} {length} values, there are {context["actual_length"]}'
-    expected = _EXPECTED.get(name)
-    if expected is None:
-        return f'{place}{error["msg"][:1].lower()}{error["msg"][1:]}, there is {value}'
-    return f'{place}expected {expected}, there is {value}'
+    wanted = context['expected'] if name == 'literal_error' else _EXPECTED.get(name)
+    said = f'expected {wanted}' if wanted else f'{error["msg"][:1].lower()}{error["msg"][1:]}'
+    return f'{place}{said}, there is {quoted(error["input"])}'
 
 
 def _place(path: Iterable[int | str]) -> str:

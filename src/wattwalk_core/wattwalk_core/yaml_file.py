@@ -25,10 +25,7 @@ class _Refused(yaml.YAMLError):
 
 
 class _PlainLoader(Composer, yaml.CSafeLoader):
-    """Constructs plain values only, within the limits of this module.
-
-    The parser is that of libyaml, five times as fast as the one in Python.
-    """
+    """Constructs plain values within the limits; its libyaml is five times as fast as Python."""
 
     depth = 0
 

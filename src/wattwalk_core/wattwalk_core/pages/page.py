@@ -104,12 +104,11 @@ class Page:
         buttons, bodies = [], []
         for index, (label, body) in enumerate(panels.items()):
             name = f'panel{start}_{index}'
-            on = 'true' if index == 0 else 'false'
+            on, hidden = ('true', '') if index == 0 else ('false', ' hidden')
             buttons.append(
                 f'<button type="button" role="tab" aria-selected="{on}" data-panel="{name}">'
                 f'{escape(label)}</button>'
             )
-            hidden = '' if index == 0 else ' hidden'
             heading = f'<h3>{escape(label)}</h3>' if len(panels) > 1 else ''
             bodies.append(f'<div class="panel" id="{name}"{hidden}>{heading}{body}</div>')
         if len(panels) > 1:
