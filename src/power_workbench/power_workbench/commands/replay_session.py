@@ -80,12 +80,10 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as place, progress('reading') as show:
         steps = replay_steps(session, folder, options.output or Path(place), show)
     same = all(step.same for step in steps)
-    if options.json is not None:
-        content = [
-            {'step': s.label, 'rmse_w': s.now, 'session_w': s.before, 'same': s.same}
-            for s in steps
-        ]
-        write_json(options.json, {'same': same, 'steps': content})
+    content = [
+        {'step': s.label, 'rmse_w': s.now, 'session_w': s.before, 'same': s.same} for s in steps
+    ]
+    write_json(options.json, {'same': same, 'steps': content})
     for step in steps:
         kept, now = (_errors(errors) for errors in (step.before, step.now))
         print(f'{step.label}: {now}' + ('' if step.same else f' — the session had {kept}'))

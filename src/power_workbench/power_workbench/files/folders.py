@@ -40,10 +40,7 @@ class Folders:
         return cls(tuple(dict.fromkeys(path.resolve() for path in named if path.exists())))
 
     def within(self, given: str) -> Path:
-        """Return a path that exists below a root, without links.
-
-        InputError for any other, whether it exists or not.
-        """
+        """Return a path below a root, without links; InputError for any other, absent or not."""
         refused = InputError(
             f'{given!r} is not in a folder that was named when the workbench was opened'
         )

@@ -21,7 +21,7 @@ ENDINGS = (
 """Of the names of files that can be imported."""
 _MAP = 'map'
 _PLACE = re.compile(rf'^{_MAP}: (?P<place>(?:drives\.[^:]+|supply|time|stamp|card)[^:]*): ')
-_FIX = re.compile(r'time: \{(?P<key>rate|unit): (?P<value>[\w.]+)\}')
+_FIX = re.compile(r'time: \{(rate|unit): ([\w.]+)\}')
 _OF_TIME = re.compile(r'\b(no time|times? (in|reach|goes|of the row)|with a time)\b')
 
 
@@ -65,10 +65,7 @@ def look(show: Show, file: str) -> dict[str, Any]:
 
 
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the signals of a log's first rows in SI units, by the import map `content`.
-
-    A map or log that is wrong gives `misplaced` instead.
-    """
+    """Return signals of a log's first rows in SI units by the map `content`, or `misplaced`."""
     from power_recordings.importing.listing import preview_log  # slow to import
     from power_recordings.importing.map_file import parse_map
     from power_recordings.importing.origin import origin_of_power
@@ -138,13 +135,11 @@ def misplaced(error: InputError) -> dict[str, Any]:
     words = text.removeprefix(f'{_MAP}: ').removeprefix(f'{place}: ')
     if 'without voltage' in words:
         place += '.voltage'
-    fix = _FIX.search(words) if place == 'time' else None
-    value = None if fix is None else float(fix['value']) if fix['key'] == 'rate' else fix['value']
-    return {
-        'error': words,
-        'place': place,
-        'fix': None if fix is None else {'key': fix['key'], 'value': value},
-    }
+    fix = None
+    if place == 'time' and (found := _FIX.search(words)):
+        key, value = found.groups()
+        fix = {'key': key, 'value': float(value) if key == 'rate' else value}
+    return {'error': words, 'place': place, 'fix': fix}
 
 
 def _remarks(text: str) -> dict[str, str]:

@@ -11,7 +11,6 @@ import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.result import over_meters
-from power_lab.budget.families import FAMILIES
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import read_yaml
@@ -45,14 +44,6 @@ def catalogue_content(catalogue: Catalogue) -> list[dict[str, Any]]:
     ]
 
 
-def families_content() -> list[dict[str, Any]]:
-    """Return the families of the parts of a budget, with words, colour and effects of each."""
-    return [
-        {'name': name, 'words': words, 'color': color, 'effects': effects}
-        for name, (words, color, effects) in FAMILIES.items()
-    ]
-
-
 def state(session: WorkbenchSession) -> dict[str, Any]:
     """Return all that the page shows of a session but traces and maps, as content of JSON."""
     record, view, job, found = session.record, session.view, session.runner.job, session.findings
@@ -70,7 +61,11 @@ def state(session: WorkbenchSession) -> dict[str, Any]:
         'before': coefficients_before(session),
         'model_file': record.shaped.model if record.shaped else '',
         'view': None if view is None else _view(view),
-        'stairs': _stairs(record),
+        'stairs': [
+            {'label': label(own), 'kind': own.kind, 'rmse_w': mean_of(own.rmse_w), 'index': index}
+            for index, own in enumerate(record.done)
+            if own.kind not in ('open', 'effects') and own.rmse_w
+        ],
         'budget': budget_state(session),
         'diagnosis': None if found is None else found.content,
         'previews': [] if found is None else list(found.explained),
@@ -155,14 +150,6 @@ def label(step: SessionStep) -> str:
 def mean_of(errors: Mapping[str, float]) -> float | None:
     """Return the root of the mean square, W, of errors by meter; None for no errors."""
     return maps.short_one(over_meters(errors.values())) if errors else None
-
-
-def _stairs(record: SessionRecord) -> list[dict[str, Any]]:
-    return [
-        {'label': label(step), 'kind': step.kind, 'rmse_w': mean_of(step.rmse_w), 'index': index}
-        for index, step in enumerate(record.done)
-        if step.kind not in ('open', 'effects') and step.rmse_w
-    ]
 
 
 def _view(view: PowerView) -> dict[str, Any]:

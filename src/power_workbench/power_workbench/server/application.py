@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from power_estimator.effects import load_catalogue
+from power_lab.budget.families import FAMILIES
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -22,7 +23,6 @@ from power_workbench.server.guard import UPLOAD
 from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.views import maps
-from power_workbench.views.moments import moments
 from power_workbench.views.view import PowerView
 
 _PAGE = Path(__file__).parent / 'page'
@@ -116,6 +116,9 @@ def application(manager: SessionManager) -> Starlette:
         name, length = request.query_params.get('name', ''), request.headers['content-length']
         return _json(await keep_log(session.folder, name, int(length), request.stream()))
 
+    def error_map(view: PowerView, request: Request) -> dict[str, Any]:
+        return maps.error_map(view, *(_text(request, name) for name in ('drive', 'x', 'y')))
+
     def sessions(request: Request) -> Response:
         if request.method == 'POST':
             return _json({'session': manager.new()})
@@ -129,14 +132,18 @@ def application(manager: SessionManager) -> Starlette:
                 'endings': ENDINGS,
                 'models': manager.folders.models(),
                 'catalogue': answers.catalogue_content(load_catalogue()),
-                'families': answers.families_content(),
+                'families': [
+                    {'name': name, 'words': words, 'color': color, 'effects': effects}
+                    for name, (words, color, effects) in FAMILIES.items()
+                ],
                 'folders': [str(root) for root in manager.folders.roots],
             }
         )
 
     here = '/api/sessions/{session}'
     return Starlette(
-        exception_handlers={InputError: _mistake},
+        # What the user can correct is an answer.
+        exception_handlers={InputError: lambda _, error: _json({'error': str(error)}, 400)},
         routes=[
             Route('/', _page),
             Route('/page/{name}', _page),
@@ -150,8 +157,10 @@ def application(manager: SessionManager) -> Starlette:
             Route(f'{here}/log', of_session(lambda session, _: dict(session.log))),
             Route(f'{here}/budget', of_session(lambda session, _: dict(session.budget or {}))),
             Route(f'{here}/strip', of_view(lambda view, r: answers.strip(view, _width(r, 200)))),
-            Route(f'{here}/map', of_view(lambda view, r: maps.error_map(view, *_axes(r)))),
-            Route(f'{here}/moments', of_view(lambda view, r: moments(view, _text(r, 'drive')))),
+            Route(f'{here}/map', of_view(error_map)),
+            Route(
+                f'{here}/moments', of_view(lambda view, r: maps.moments(view, _text(r, 'drive')))
+            ),
             Route(f'{here}/preview', of_session(_preview)),
             Route(f'{here}/files/{{name}}', of_session(_file)),
             *(Route(f'{here}/{name}', action(name), methods=['POST']) for name in actions.ACTIONS),
@@ -191,11 +200,6 @@ class _News:
             self._waiting.discard(event)
 
 
-def _mistake(_: Request, error: Exception) -> Response:
-    """What the user can correct is an answer."""
-    return _json({'error': str(error)}, 400)
-
-
 def _json(content: Any, status: int = 200) -> Response:
     return JSONResponse(content, status, headers=_FRESH)
 
@@ -226,10 +230,6 @@ def _file(session: WorkbenchSession, request: Request) -> Response:
 def _place(request: Request) -> tuple[str, float, float, int]:
     start, stop = _number(request, 'from', 0.0), _number(request, 'to', 1e9)
     return _text(request, 'drive'), start, stop, _width(request, 800)
-
-
-def _axes(request: Request) -> tuple[str, str, str]:
-    return _text(request, 'drive'), _text(request, 'x'), _text(request, 'y')
 
 
 def _text(request: Request, name: str) -> str:

@@ -60,9 +60,8 @@ class SessionManager:
         """Return a session by name, taken up from its folder if need be; InputError for none."""
         with self._lock:
             if name in self.at_work:
-                session = self.at_work.pop(name)
-                self.at_work[name] = session  # used last
-                return session
+                self.at_work[name] = self.at_work.pop(name)  # used last
+                return self.at_work[name]
             folder = self.folder / name
             if not _NAME.fullmatch(name) or not (folder / FILE).is_file():
                 raise InputError(f'there is no session {name!r}')

@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -54,12 +54,11 @@ class SessionStep:
 
     def content(self) -> dict[str, Any]:
         """Return the step as the session's file holds it: what differs from the defaults."""
-        out: dict[str, Any] = {}
-        for own in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, own.name)
-            if own.name == 'kind' or value not in ((), '', {}, 0, False, 'type'):
-                out[own.name] = list(value) if isinstance(value, tuple) else value
-        return out
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in vars(self).items()
+            if name == 'kind' or value not in ((), '', {}, 0, False, 'type')
+        }
 
 
 @schema

@@ -37,8 +37,7 @@ from power_workbench.sessions.described import (
 from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
 from power_workbench.sessions.source import Findings, Source
 from power_workbench.sessions.steps import SessionStep
-from power_workbench.views.coarse import coarse_view
-from power_workbench.views.view import PowerView, judged_view, measured_view
+from power_workbench.views.view import PowerView, coarse_view, judged_view, measured_view
 
 if TYPE_CHECKING:
     # They take seconds to import, which the first picture does not wait for.
@@ -87,8 +86,7 @@ class SessionWorker:
         """Read recordings: a first look at a part of them, all of them, then their quality."""
         if source.without:
             whole = self.open(show, source.whole, '')
-            view = self._measured(self._load(show, source))
-            described, known = whole['recordings'], whole['sha256']
+            kept = KeptOpening(**{**whole, 'view': self._measured(self._load(show, source))})
         else:
             show('progress', 'a first look')
             coarse = coarse_view(source.recordings, source.drives)
@@ -98,12 +96,11 @@ class SessionWorker:
             view = self._measured(loaded)
             show('view', view)
             show('progress', 'checking the quality of the recordings')
-            described = [described_recording(recording) for recording in loaded.recordings]
-            known = [one['sha256'] for one in loaded.identities]
+            described = tuple(described_recording(own) for own in loaded.recordings)
+            kept = KeptOpening(view, described, tuple(own['sha256'] for own in loaded.identities))
             # The aligned signals of the file need less memory than those that were read.
             self._cache.keep_loaded(key, loaded, [Path(path) for path in source.recordings])
             self._loaded = self._cache.loaded(key) or self._loaded
-        kept = KeptOpening(view, tuple(described), tuple(known))
         self._cache.keep_opening(key, kept)
         return kept
 

@@ -32,7 +32,6 @@ def main(descriptor: int) -> None:
     from power_workbench.sessions.worker import SessionWorker
 
     worker = SessionWorker(OpenedCache.usual())
-
     one_at_a_time = threading.Lock()
 
     def show(kind: str, content: Any) -> None:
@@ -41,7 +40,10 @@ def main(descriptor: int) -> None:
 
     def account() -> None:
         while True:
-            worker.budget(partial(show, 'budget'), **_latest(budgets))
+            latest = budgets.get()
+            while not budgets.empty():
+                latest = budgets.get()
+            worker.budget(partial(show, 'budget'), **latest)
 
     threading.Thread(target=account, daemon=True).start()
     name, arguments = waiting.get()
@@ -62,13 +64,6 @@ def _answer(show: Callable[[str, Any], None], function: Any, arguments: Any) -> 
     except Exception as error:
         traceback.print_exc()
         show('failed', f'{type(error).__name__}: {error}')
-
-
-def _latest(requests: 'SimpleQueue[Any]') -> Any:
-    found = requests.get()
-    while not requests.empty():
-        found = requests.get()
-    return found
 
 
 def _receive(pipe: Connection, waiting: 'SimpleQueue[Any]', budgets: 'SimpleQueue[Any]') -> None:

@@ -66,7 +66,7 @@ function groups() {
   const phases = [...new Set(found.rows.map((row) => row.phase))].filter((phase) => own(member, phase).length);
   if (phases.length > 1) lists['phase of the motion'] = phases.map((phase) => [phase === ALL ? 'all phases' : phase, own(member, phase)]);
   if (found.recordings) lists.recording = found.recordings.map((one) => [one.name, own(member, ALL, one.rows)]);
-  return { every, lists, whole: own(member) };
+  return { lists, whole: own(member) };
 }
 
 const family = (effect) => bench.known.families.find((one) => one.effects.includes(effect)) || bench.known.families.find((one) => one.name === 'other');
