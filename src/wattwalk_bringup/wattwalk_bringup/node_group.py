@@ -27,10 +27,7 @@ class LogFollower:
         self._path, self._place, self._rest = path, 0, b''
 
     def new_lines(self) -> list[str]:
-        """Return new lines that are not empty, without time and name of ROS's log.
-
-        The newest one stays in `last`.
-        """
+        """Return new lines with text, without ROS's time and name; `last` is the newest."""
         with self._path.open('rb') as log:
             log.seek(self._place)
             data = log.read(_MOST)

@@ -18,10 +18,7 @@ _LEAST_OF_KIND = 3  # recordings of a motion
 
 @dataclass(frozen=True)
 class DriveHistory:
-    """m estimates of one drive in M recordings, in the order of time.
-
-    Covariates have mean 0 and standard deviation 1.
-    """
+    """m estimates of one drive in M recordings by time; covariates of mean 0 and deviation 1."""
 
     drive: str  # its name, behind the robot's where there are several robots
     joint: str  # name of the drive alone
@@ -46,10 +43,7 @@ class DriveHistory:
 
 
 def histories(fits: Sequence[RecordingFit]) -> list[DriveHistory]:
-    """Histories by robot and drive.
-
-    A drive goes by its name, behind the robot's where there are several robots.
-    """
+    """Histories by robot and drive, whose name is behind the robot's where there are several."""
     ordered = sorted(fits, key=lambda fit: fit.occasion.time)
     robots = list(dict.fromkeys(fit.occasion.robot for fit in ordered))
     out = []

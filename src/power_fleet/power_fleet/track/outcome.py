@@ -269,10 +269,7 @@ class Tracked:
 
 
 def model_of(model: object, spec: str) -> EffectModel:
-    """Return the model, with the file of its base by an absolute path, as workers need it.
-
-    InputError where it has no effects that could change.
-    """
+    """Return a model of effects, its base by an absolute path for workers; else InputError."""
     if not isinstance(model, EffectModel):
         raise InputError(f'--model {spec}: track needs a model of effects (model.yaml)')
     prefix, _, file = (model.base or '').rpartition(':')

@@ -63,10 +63,7 @@ class RecordingFit:
 
 
 def fit_recording(judge: Judge, model: EffectModel, occasion: Occasion) -> RecordingFit:
-    """Fit the effects of a model and the errors of measurement to one recording, per drive.
-
-    InputError for a recording that is too short or too still.
-    """
+    """Fit effects and errors of measurement per drive; InputError if too short or too still."""
     own = judge.material_under(model, per='drive')
     structure = own.structure(model.structure.actives)
     terms = measurement_terms(judge.catalogue, shaft='shaft' in structure.names)
@@ -193,8 +190,7 @@ def key_of(
 ) -> str:
     """Return the hash of all that a fit depends on besides the recording.
 
-    spec: file of the model. effects: files of the user's own effects. options: how recordings
-    are read.
+    spec: file of the model; effects: of the user's own; options: how recordings are read.
     """
     files = [Path(spec), *effects]
     if model.base is not None:
