@@ -140,7 +140,7 @@ def _rosbag2_arguments(settings: BringupSettings) -> tuple[str, ...]:
 
 
 def _recorder_arguments(settings: BringupSettings) -> tuple[str, ...]:
-    own = ('-o', settings.record)
+    own: tuple[str, ...] = ('-o', settings.record)
     if settings.duration:
         # On a busy machine a simulated robot may take half a minute to begin.
         own += ('--wait', '--duration', f'{settings.duration:g}')

@@ -168,7 +168,11 @@ def explain(
         if growth is None and before.verdict == after.verdict:
             return None
         show(f'discovering what {history.drive} has from {late[0]} on')
-        return Unmodelled(before, after, growth, (), _discovered(lab, show))
+        try:
+            discovered = lab.discover(show=show).sentence
+        except InputError as error:
+            discovered = str(error)
+        return Unmodelled(before, after, growth, (), discovered)
     if growth is None and set(after.effects) <= set(before.effects):
         return None
     return Unmodelled(before, after, growth, outcome.diagnosis.actives)
@@ -196,10 +200,3 @@ def _pool(
     diagnosis = outcome.diagnosis
     pool = Pool(tuple(names), diagnosis.verdict, diagnosis.effects, outcome.sentence)
     return pool, (lab, outcome)
-
-
-def _discovered(lab: Session, show: Callable[[str], None]) -> str:
-    try:
-        return lab.discover(show=show).sentence
-    except InputError as error:
-        return str(error)

@@ -12,6 +12,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.result import over_meters
 from power_lab.structure.words import in_words
+from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import read_yaml
 
@@ -19,7 +20,7 @@ from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
 from power_workbench.views import maps
 from power_workbench.views.pyramid import Span, extremes
-from power_workbench.views.view import PowerView, Singles, with_sum
+from power_workbench.views.view import PowerView, with_sum
 
 KEPT = re.compile(
     r'(session|notes|import_\d+|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py'
@@ -229,7 +230,7 @@ def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -
 
 
 def lit(
-    view: PowerView, rows: maps.Mask, meter: str, start: float, stop: float, width: int
+    view: PowerView, rows: Bools, meter: str, start: float, stop: float, width: int
 ) -> dict[str, Singles]:
     """Return measured power and error of a meter, W, at the marked rows [N] alone, as extremes.
 

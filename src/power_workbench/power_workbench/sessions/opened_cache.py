@@ -7,7 +7,7 @@ import shutil
 import struct
 import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -254,20 +254,18 @@ class OpenedCache:
 
     def _make_room(self, folder: Path, size: int) -> None:
         """Delete the files that were used longest ago, until one of size bytes may come."""
-        own = [(status.st_mtime, path, status.st_size) for path, status in _files(folder)]
+        own = []
+        for path in folder.iterdir():
+            if '.view' in path.name or '.signals' in path.name:
+                with suppress(FileNotFoundError):
+                    status = path.stat()
+                    own.append((status.st_mtime, path, status.st_size))
         total, now = sum(bytes_ for *_, bytes_ in own), time.time()
         for used, path, bytes_ in sorted(own):
             lost = path.name.startswith('.') and now - used > _UNFINISHED
             if total + size > self._most or lost:
                 path.unlink(missing_ok=True)
                 total -= bytes_
-
-
-def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    for path in folder.iterdir():
-        if '.view' in path.name or '.signals' in path.name:
-            with suppress(FileNotFoundError):
-                yield path, path.stat()
 
 
 class ReadAgain(Sequence[Recording]):

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_lab.compare.regimes import UNITS, bins, digits
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
-from power_workbench.views.view import PowerView, Singles
-
-Mask = NDArray[np.bool_]
+from power_workbench.views.view import PowerView
 
 _CELLS = 8, 26  # of a map along one quantity
 _FILL = 8  # rows in a cell, were they spread evenly
@@ -30,7 +29,7 @@ _MODULI = {'torque': 'torque', 'speed': 'velocity'}
 class Chosen:
     """Rows of one drive that a range chooses; content: errors inside and outside, for the page."""
 
-    rows: Mask  # [N]
+    rows: Bools  # [N]
     content: Mapping[str, Any]
 
 
@@ -146,11 +145,11 @@ def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
     return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
 
 
-def _within(values: NDArray[Any], limits: Sequence[float]) -> Mask:
+def _within(values: NDArray[Any], limits: Sequence[float]) -> Bools:
     return np.asarray((values >= min(limits)) & (values <= max(limits)))
 
 
-def scatter_points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
+def scatter_points(view: PowerView, drive: str, rows: Bools, x: str, y: str) -> dict[str, Singles]:
     """Return quantities x and y of the marked rows [N], evenly thinned out to 1500 at most."""
     found = np.flatnonzero(rows)
     found = found[:: max(1, -(-len(found) // _SHOWN))]
@@ -160,7 +159,7 @@ def scatter_points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> d
     }
 
 
-def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
+def _chosen(view: PowerView, drive: str, rows: Bools, words: str) -> Chosen:
     error = error_of(view, drive)
     known = np.isfinite(error)
     inside, outside = error[rows & known], error[~rows & known]
@@ -195,7 +194,7 @@ def rms(values: Singles) -> float:
     return float(np.sqrt(np.mean(np.square(known, dtype=np.float64)))) if known.size else np.nan
 
 
-def _limit(values: NDArray[np.float64], rows: NDArray[np.float64]) -> float | None:
+def _limit(values: Floats, rows: Floats) -> float | None:
     """Value that 97 % of the rows in the shown cells do not exceed."""
     known = np.isfinite(values)
     if not known.any():
@@ -204,7 +203,7 @@ def _limit(values: NDArray[np.float64], rows: NDArray[np.float64]) -> float | No
     return short_one(float(np.quantile(values[known], 0.97, **how)))
 
 
-def _edges(values: Singles, count: int) -> NDArray[np.float64]:
+def _edges(values: Singles, count: int) -> Floats:
     low, high = np.quantile(values, [_TAIL, 1.0 - _TAIL]).tolist()
     return np.linspace(low, high + 1e-9, count + 1)
 
@@ -241,9 +240,7 @@ def moments(view: PowerView, drive: str) -> dict[str, Any]:
     return {'spikes': _spikes(view, drive, error, known), 'stretches': _stretches(view, error)}
 
 
-def _spikes(
-    view: PowerView, drive: str, error: NDArray[np.float64], known: NDArray[np.bool_]
-) -> str:
+def _spikes(view: PowerView, drive: str, error: Floats, known: Bools) -> str:
     usual = 1.4826 * float(np.median(np.abs(error[known])))
     column = state_column(view, drive)
     noise = view.noise[min(column, len(view.noise) - 1)]
@@ -277,9 +274,7 @@ def _spikes(
     return f'{told}.'
 
 
-def _alike(
-    view: PowerView, column: int, high: NDArray[np.bool_], known: NDArray[np.bool_]
-) -> float | None:
+def _alike(view: PowerView, column: int, high: Bools, known: Bools) -> float | None:
     """Share of the time in the states of the spikes that has none; None where they are its own."""
     cell = np.zeros(len(high), np.int64)
     for name in ('torque', 'velocity', 'acceleration'):
@@ -295,7 +290,7 @@ def _alike(
     return share if share > 0.5 else None
 
 
-def _stretches(view: PowerView, error: NDArray[np.float64]) -> list[dict[str, Any]]:
+def _stretches(view: PowerView, error: Floats) -> list[dict[str, Any]]:
     """Seconds whose error is far above that of the others, neighbours joined, the worst first."""
     second = (view.slots / (_STRETCH * REDUCED_RATE)).astype(np.int64)
     squares, known = np.square(np.nan_to_num(error)), np.isfinite(error)

@@ -38,18 +38,13 @@ class Pyramid:
             low, high = self._levels[-1]
             self._levels.append((_joined(low, FACTOR, np.fmin), _joined(high, FACTOR, np.fmax)))
 
-    @property
-    def length(self) -> int:
-        """Number of slots N."""
-        return len(self._levels[0][0])
-
     def span(self, start: int, stop: int, most: int) -> Span:
         """Return extremes from slot start to stop in about `most` blocks, at most twice as many.
 
         What is drawn of them is what would be drawn of all samples, whatever the span.
         """
-        start, stop = max(0, start), min(self.length, stop)
-        stop = max(stop, start)
+        start = max(0, start)
+        stop = max(start, min(len(self._levels[0][0]), stop))
         wanted = max(1, -(-(stop - start) // max(1, most)))
         level = 0
         while level + 1 < len(self._levels) and FACTOR ** (level + 1) <= wanted:

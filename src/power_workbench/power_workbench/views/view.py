@@ -70,7 +70,7 @@ def stride_phase(position: Singles, slots: NDArray[np.int64]) -> StridePhase:
     return StridePhase(phase.astype(np.float32), lag / REDUCED_RATE, drive)
 
 
-def _on_slots(position: Singles, slots: NDArray[np.int64]) -> NDArray[np.float64]:
+def _on_slots(position: Singles, slots: NDArray[np.int64]) -> Floats:
     """Positions without their means [length, D]; zero in the gaps."""
     known = np.isfinite(position)
     count = np.maximum(known.sum(axis=0), 1)
@@ -80,15 +80,15 @@ def _on_slots(position: Singles, slots: NDArray[np.int64]) -> NDArray[np.float64
     return out
 
 
-def _correlations(values: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
+def _correlations(values: Floats, lags: int) -> Floats:
     """Autocovariance of each column at lags 0 to lags − 1, [lags, D]."""
     size = 1 << (len(values) + lags).bit_length()
     spectra = np.fft.rfft(values, size, axis=0)
-    found: NDArray[np.float64] = np.fft.irfft(np.abs(spectra) ** 2, size, axis=0)[:lags]
+    found: Floats = np.fft.irfft(np.abs(spectra) ** 2, size, axis=0)[:lags]
     return found
 
 
-def _band(values: NDArray[np.float64], frequency: float) -> NDArray[np.complex128]:
+def _band(values: Floats, frequency: float) -> NDArray[np.complex128]:
     """Analytic signal in a band about a frequency (cycles a sample)."""
     size = 1 << len(values).bit_length()
     spectrum = np.fft.fft(values, size)
@@ -261,8 +261,8 @@ def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]
 def _view(
     prepared: Prepared,
     loaded: Loaded,
-    measured: NDArray[np.float64],
-    state: Mapping[str, NDArray[np.float64]],
+    measured: Floats,
+    state: Mapping[str, Floats],
     words: Mapping[str, NDArray[np.str_]],
 ) -> PowerView:
     scale, data = prepared.signals.scale, loaded.data

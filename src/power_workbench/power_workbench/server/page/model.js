@@ -17,7 +17,7 @@ export const modelFiles = () => [...new Set(bench.known.models)].filter((file) =
 export const wordsOf = (name) => (bench.known.catalogue.find((one) => one.name === name) || { words: name.replaceAll('_', ' ') }).words;
 
 /** A formula with its symbols in italics and subscripts. */
-export function typeset(formula) {
+function typeset(formula) {
   const parts = formula.split(/(dw\/dt|[A-Za-z]\w*)/).map((part) => {
     const [base, below] = SYMBOLS[part] || (/^[A-Za-z]$/.test(part) ? [part] : []);
     return base ? h('i', {}, base, below ? h('sub', {}, below) : null) : part;

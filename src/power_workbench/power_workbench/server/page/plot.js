@@ -22,7 +22,7 @@ export function keys(node, families) {
 
 const drawn = new Map();
 
-export function layout(more) {
+function layout(more) {
   const axis = {
     gridcolor: color('grid'), zerolinecolor: color('line'), linecolor: color('line'),
     tickfont: { size: 12 }, title: { font: { size: 13 }, standoff: 6 },

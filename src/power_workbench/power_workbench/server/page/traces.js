@@ -84,7 +84,7 @@ function pan(share) {
   setWindow([a + step, b + step]);
 }
 
-export function setWindow([a, b]) {
+function setWindow([a, b]) {
   const [, end] = whole();
   const length = Math.min(Math.max(Math.abs(b - a), 0.2), end);
   const first = Math.min(Math.max(Math.min(a, b), 0), end - length);
@@ -108,7 +108,7 @@ function drives() {
   fill(parts.drives, choices('Drive', 'drive', options, bench.drive, setDrive));
 }
 
-export function setDrive(name) {
+function setDrive(name) {
   bench.chosen = true;
   bench.drive = name;
   for (const input of parts.drives.querySelectorAll('input')) input.checked = input.value === name;
