@@ -318,9 +318,11 @@ def _coarse(
     drives: Sequence[str],
     share: float,
 ) -> PowerView | None:
-    known = [dict(zip(own.names, own.good.any(axis=0), strict=True)) for own in supplies]
-    named = drives or supplies[0].names
-    meters = [name for name in named if all(own.get(name, False) for own in known)]
+    known = [
+        {name for name, good in zip(own.names, own.good.T, strict=True) if good.any()}
+        for own in supplies
+    ]
+    meters = [name for name in drives or supplies[0].names if all(name in own for own in known)]
     if not meters:
         return None
     slots, owner, rows, first = [], [], [], 0
