@@ -130,5 +130,6 @@ def _course(random: np.random.Generator, kind: str, last: float) -> WearCourse:
         effect, share = str(random.choice(WORN)), round(random.uniform(0.25, 0.6), 2)
         return WearCourse(effect, share, float(begin), float(over))
     sign, is_gain = float(random.choice((-1, 1))), random.uniform() < 0.5
-    size = sign * round(random.uniform(*((0.03, 0.06) if is_gain else (0.02, 0.04))), 3)
-    return WearCourse('power_gain' if is_gain else OFFSET, size, float(begin), float(over))
+    name, low, high = ('power_gain', 0.03, 0.06) if is_gain else (OFFSET, 0.02, 0.04)
+    size = sign * round(random.uniform(low, high), 3)
+    return WearCourse(name, size, float(begin), float(over))

@@ -18,7 +18,10 @@ _LEAST_OF_KIND = 3  # recordings of a motion
 
 @dataclass(frozen=True)
 class DriveHistory:
-    """m estimates of one drive in M recordings by time; covariates of mean 0 and deviation 1."""
+    """m estimates of one drive in M recordings, in the order of time.
+
+    Covariates have mean 0 and standard deviation 1.
+    """
 
     drive: str  # its name, behind the robot's where there are several robots
     joint: str  # name of the drive alone
