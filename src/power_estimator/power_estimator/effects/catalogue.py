@@ -28,33 +28,16 @@ from power_estimator.effects.signals.state import Signals
 
 _NEAR = 3  # names that are offered for an unknown one
 _BUILTIN = (
-    mechanics.SHAFT,
-    winding.COPPER_LOSS,
-    winding.WINDING_HEATING,
-    winding.SATURATION,
-    winding.MOTOR_SATURATION,
-    winding.MAGNET_HEATING,
-    friction.VISCOUS_FRICTION,
-    friction.COULOMB_FRICTION,
-    friction.STRIBECK_FRICTION,
-    friction.LOAD_FRICTION,
-    iron_and_inverter.IRON_LOSS,
-    iron_and_inverter.INVERTER_LOSS,
-    bus.IDLE,
-    bus.REGENERATION_EFFICIENCY,
-    bus.REGENERATION_LIMIT,
+    *(mechanics.SHAFT, winding.COPPER_LOSS, winding.WINDING_HEATING),
+    *(winding.SATURATION, winding.MOTOR_SATURATION, winding.MAGNET_HEATING),
+    *(friction.VISCOUS_FRICTION, friction.COULOMB_FRICTION),
+    *(friction.STRIBECK_FRICTION, friction.LOAD_FRICTION),
+    *(iron_and_inverter.IRON_LOSS, iron_and_inverter.INVERTER_LOSS),
+    *(bus.IDLE, bus.REGENERATION_EFFICIENCY, bus.REGENERATION_LIMIT),
     iron_and_inverter.FIELD_WEAKENING,
-    mechanics.ROTOR_INERTIA,
-    mechanics.SPRING,
-    friction.COGGING,
-    bus.LINE_RESISTANCE,
-    sensors.POWER_GAIN,
-    sensors.CURRENT_OFFSET,
-    sensors.TORQUE_BIAS,
-    sensors.TORQUE_BEND,
-    sensors.VELOCITY_LAG,
-    sensors.OFFSET_DRIFT,
-    sensors.TIME_OFFSET,
+    *(mechanics.ROTOR_INERTIA, mechanics.SPRING, friction.COGGING, bus.LINE_RESISTANCE),
+    *(sensors.POWER_GAIN, sensors.CURRENT_OFFSET, sensors.TORQUE_BIAS, sensors.TORQUE_BEND),
+    *(sensors.VELOCITY_LAG, sensors.OFFSET_DRIFT, sensors.TIME_OFFSET),
 )
 
 
@@ -81,24 +64,21 @@ class Catalogue(Mapping[str, Effect]):
 
     def get_known(self, name: str, where: str) -> Effect:
         """Return an effect by name; InputError, which begins with `where`, for an unknown one."""
-        if name not in self._effects:
+        if name in self:
+            return self[name]
+        within = [one for one in self if name and (one in name or name in one)]
+        near = within[:_NEAR] or get_close_matches(name, self, 1)
+        likely = ' or '.join(f'{one} ({self[one].physics})' for one in near)
+        known = f'did you mean {likely}? fit --effects all lists all'
+        if not near:
             known = f'known are {", ".join(self)}'
-            if near := self._near(name):
-                known = f'did you mean {near}? fit --effects all lists all'
-            raise InputError(
-                f'{where}: unknown effect {name!r}; {known} '
-                '(your own go by --effects-path FILE.py)'
-            )
-        return self._effects[name]
-
-    def _near(self, name: str) -> str:
-        within = [one for one in self._effects if name and (one in name or name in one)]
-        near = within[:_NEAR] or get_close_matches(name, self._effects, 1)
-        return ' or '.join(f'{one} ({self._effects[one].physics})' for one in near)
+        raise InputError(
+            f'{where}: unknown effect {name!r}; {known} (your own go by --effects-path FILE.py)'
+        )
 
     def physics(self) -> tuple[Effect, ...]:
         """Return the effects of the drive."""
-        return tuple(effect for effect in self._effects.values() if effect.kind == 'physics')
+        return tuple(effect for effect in self.values() if effect.kind == 'physics')
 
 
 def builtin_catalogue() -> Catalogue:
@@ -129,8 +109,9 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
     They are zero where signals cannot show the effect. Raises InputError for an effect that
     raises, or returns another shape or NaN.
     """
+    expected = (*signals.torque.shape, len(effect.terms))
     if signals.steady and (effect.needs_time or effect.remembers):
-        return np.zeros((*signals.torque.shape, len(effect.terms)))
+        return np.zeros(expected)
     try:
         columns = np.asarray(effect.regressors(signals, **shape), dtype=np.float64)
     except InputError:
@@ -139,23 +120,18 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
         raise InputError(
             f'effect {effect.name!r} raised {type(error).__name__}: {error}'
         ) from error
-    expected = (*signals.torque.shape, len(effect.terms))
     if columns.shape != expected:
         raise InputError(
             f'effect {effect.name!r} returned regressors of shape {columns.shape}; '
             f'[time, drive, term] is {expected}'
         )
-    if not _all_finite(columns):
+    flat = columns.ravel(order='K')
+    # One pass without a copy where all are finite.
+    if not np.isfinite(flat @ flat) and not np.isfinite(columns).all():
         raise InputError(f'effect {effect.name!r} returned NaN or infinite regressors')
     if effect.needs_joint_torque and signals.at_motor.any():
         columns = columns * ~signals.at_motor[:, None]
     return columns
-
-
-def _all_finite(values: Floats) -> bool:
-    """Return whether no value is NaN or infinite; one pass without a copy for those that are."""
-    flat = values.ravel(order='K')
-    return bool(np.isfinite(flat @ flat)) or bool(np.isfinite(values).all())
 
 
 def _effects_in(path: Path) -> list[Effect]:
@@ -197,7 +173,7 @@ def _checked(form: Any, path: Path) -> Effect:
         raise
     except Exception as error:  # a user's class may hold anything
         raise InputError(f'{where}: {type(error).__name__}: {error}') from error
-    return replace(effect, made=(_from_file, (path.absolute(), effect.name)))
+    return replace(effect, made=(_from_files, (effect.name, path.absolute())))
 
 
 def _check_fields(form: Any, where: str) -> None:
@@ -219,19 +195,15 @@ def _check_fields(form: Any, where: str) -> None:
         raise InputError(f'{where} has a discrepancy_limit but no discrepancy')
 
 
-def _shipped(name: str) -> Effect:
-    return builtin_catalogue()[name]
-
-
-def _from_file(path: Path, name: str) -> Effect:
-    return load_catalogue([path])[name]
+def _from_files(name: str, *paths: Path) -> Effect:
+    return load_catalogue(paths)[name]
 
 
 def _travelling(effect: Effect) -> tuple[Callable[..., Effect], tuple[object, ...]]:
     """An effect travels to other processes as what makes it there, not as its functions."""
     if effect.made is None and effect not in _BUILTIN:
         raise TypeError(f'effect {effect.name!r} is in no catalogue: no other process can make it')
-    return effect.made or (_shipped, (effect.name,))
+    return effect.made or (_from_files, (effect.name,))
 
 
 copyreg.pickle(Effect, _travelling)

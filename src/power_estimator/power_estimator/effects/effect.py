@@ -11,8 +11,6 @@ from power_estimator.effects.signals.scale import STANDSTILL, DriveScale
 from power_estimator.effects.signals.state import Signals
 
 Shape = Mapping[str, float]
-
-
 LEVERS = ('gear_ratio', 'supply_voltage', 'winding_resistance', 'friction', 'idle', 'payload')
 """Changes of a drive, as factors, whose effect on the power a model may tell."""
 _ROWS = 20_000  # that quantiles are taken of
@@ -168,14 +166,12 @@ class Effect:
         return self.enough is not None and self.enough(signals, shape)
 
 
-_METHODS = {'usable': 'recorded', 'factors': 'sizes', 'shapes_of': 'scaled'}
-
-
 def _stated_by(form: type[Effect]) -> Effect:
     """Return the effect that a class states; `per_drive` counts only in the class itself."""
     own: Any = object.__new__(form)
     stated = {f.name: getattr(own, f.name) for f in fields(Effect) if hasattr(own, f.name)}
-    for method, field in _METHODS.items():
+    methods = {'usable': 'recorded', 'factors': 'sizes', 'shapes_of': 'scaled'}
+    for method, field in methods.items():
         if getattr(form, method) is not getattr(Effect, method):
             stated[field] = getattr(own, method)
     return Effect(**stated | {'per_drive': vars(form).get('per_drive', False)})
@@ -200,21 +196,17 @@ def in_proportion(
 
 def log_speed(velocity: Floats) -> Floats:
     """Return log(speed / its 99.5 % quantile) [T, D], at least log 0.01, to change exponents."""
-    speed = np.abs(velocity)
-    top = np.maximum(_top(speed), STANDSTILL)
-    return np.log(np.clip(speed / top, 0.01, None))
+    return np.log(np.clip(share_of_top(velocity, STANDSTILL), 0.01, None))
 
 
-def share_of_top(values: Floats) -> Floats:
-    """Return the magnitude of values [T, D] over its 99.5 % quantile, 0 to about 1."""
+def share_of_top(values: Floats, least: float = 1e-9) -> Floats:
+    """Return the magnitude of values [T, D] over its 99.5 % quantile, or over the least if larger.
+
+    The quantile is of every so many rows.
+    """
     size = np.abs(values)
-    return size / np.maximum(_top(size), 1e-9)
-
-
-def _top(sizes: Floats) -> Floats:
-    """Return the 99.5 % quantile of each column of sizes, of every so many rows."""
-    every = max(1, len(sizes) // _ROWS)
-    return np.asarray(np.quantile(sizes[::every], 0.995, axis=0))
+    top = np.quantile(size[:: max(1, len(size) // _ROWS)], 0.995, axis=0)
+    return np.asarray(size / np.maximum(top, least))
 
 
 def smooth_sign(velocity: Floats, standstill: Floats | float = STANDSTILL) -> Floats:
