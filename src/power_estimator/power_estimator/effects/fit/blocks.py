@@ -36,7 +36,7 @@ class _Threads:
         if getattr(self._inside, 'shared', False):
             return 1
         with self._lock:
-            return self._before if self._depth else _allowed(_controller())
+            return self._before if self._depth else _allowed()
 
     def mark_shared(self) -> None:
         """Mark a thread that works on shared items."""
@@ -50,11 +50,10 @@ class _Threads:
         times as long as they take where another process has the core. The last caller that is done
         lifts the limit.
         """
-        controller = _controller()
         with self._lock:
             if not self._depth:
-                self._before = _allowed(controller)
-                self._limit.enter_context(controller.limit(limits=1, user_api='blas'))
+                self._before = _allowed()
+                self._limit.enter_context(_controller().limit(limits=1, user_api='blas'))
                 turn = sys.getswitchinterval()
                 self._limit.callback(sys.setswitchinterval, turn)
                 sys.setswitchinterval(min(_TURN, turn))
@@ -82,10 +81,7 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
     threads = min(_THREADS.to_share(), len(items))
     if threads < 2:
         return [function(item) for item in items]
-    with (
-        _THREADS.limited(),
-        ThreadPoolExecutor(threads, initializer=_THREADS.mark_shared) as pool,
-    ):
+    with _THREADS.limited(), ThreadPoolExecutor(threads, initializer=_THREADS.mark_shared) as pool:
         return list(pool.map(function, items))
 
 
@@ -96,8 +92,9 @@ def _controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _allowed(controller: ThreadpoolController) -> int:
-    counts = [int(one['num_threads']) for one in controller.info() if one['user_api'] == 'blas']
+def _allowed() -> int:
+    own = [one for one in _controller().info() if one['user_api'] == 'blas']
+    counts = [int(one['num_threads']) for one in own]
     return min(counts, default=1)
 
 
@@ -173,7 +170,6 @@ class Normal:
     moment: Floats  # [B, D, m]
     square: Floats  # W² [B, D], sum of squared targets
     valid: Bools  # [B, D]
-    counts: NDArray[np.intp]  # rows of a block that count [B, D]
 
     @classmethod
     def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
@@ -201,7 +197,6 @@ class DelayedNormal:
     square: Floats  # W² [S, B, D]
     next_: Floats  # W² [S, B, D]
     valid: Bools  # [B, D]
-    counts: NDArray[np.intp]  # [B, D]
 
     @classmethod
     def of(
@@ -226,19 +221,12 @@ class DelayedNormal:
             next_[:-1, :, drive] = np.einsum('sbl,sbl->sb', y[:-1], y[1:])
 
         for_each(fill, range(drives))
-        return cls(gram, moment, square, next_, blocks.valid, blocks.counts)
+        return cls(gram, moment, square, next_, blocks.valid)
 
     def at(self, place: float) -> Normal:
         """Return the equations at a place of the delay from 0 to S − 1, a fraction allowed."""
-        left = min(int(place), max(len(self.moment) - 2, 0))
-        w = place - left
-        if w == 0.0:
-            moment, square = self.moment[left], self.square[left]
-        else:
-            moment = (1 - w) * self.moment[left] + w * self.moment[left + 1]
-            square = (1 - w) ** 2 * self.square[left] + w**2 * self.square[left + 1]
-            square = square + 2 * w * (1 - w) * self.next_[left]
-        return Normal(self.gram, moment, square, self.valid, self.counts)
+        (moment,), (square,) = between(np.array([place]), self.moment, self.square, self.next_)
+        return Normal(self.gram, moment, square, self.valid)
 
     def summed(self, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return sums over blocks with weights [B, D].
@@ -264,16 +252,22 @@ def modelled(columns: Floats, coefficients: Floats) -> Floats:
     return out
 
 
+def neighbours(places: Floats, delays: int) -> tuple[NDArray[np.intp], Floats]:
+    """Return the last of some delays before each place among them, and the weight of the next."""
+    left = np.minimum(places.astype(np.intp), delays - 2)
+    return left, places - left
+
+
 def between(
     places: Floats, moment: Floats, square: Floats, next_: Floats
 ) -> tuple[Floats, Floats]:
-    """Return moment [P, D, m] and squared target [P, D] at places [P] between S delays.
+    """Return moment [P…, …, m] and squared target [P…, …] at places [P…] between S delays.
 
-    They come from moment [S, D, m] and square [S, D]; the target is interpolated linearly. next_
-    [S, D] is its product with that at the next delay.
+    They come from moment [S, …, m] and square [S, …]; the target is interpolated linearly. next_
+    [S, …] is its product with that at the next delay.
     """
-    left = np.minimum(places.astype(int), len(moment) - 2)
-    w = (places - left)[:, None]
+    left, share = neighbours(places, len(moment))
+    w = share.reshape(*places.shape, *[1] * (square.ndim - 1))
     moments = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
     squares = (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
     return moments, squares

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.arrays import Floats
 
 _BLOCK_SWEEPS = 10  # that change all offending variables at once
 _SWEEPS = 90  # then the last offending one alone, which cannot cycle
@@ -72,7 +72,8 @@ def _pivot(
             worst = np.abs(gradient) * leave
             leave &= worst >= worst.max(axis=1, keepdims=True)
         else:
-            last = _last(below | above | leave)
+            offends = below | above | leave
+            last = np.cumsum(offends[:, ::-1], axis=1)[:, ::-1] == 1  # none of them is behind it
             below, above, leave = below & last, above & last, leave & last
         state[open_] = np.where(below, -1, np.where(above, 1, np.where(leave, 0, now)))
         unsettled = (below | above | leave).any(axis=1)
@@ -84,18 +85,11 @@ def _pivot(
     return solution
 
 
-def _last(offends: Bools) -> Bools:
-    """The last true entry of each row alone."""
-    after = np.cumsum(offends[:, ::-1], axis=1)[:, ::-1]
-    return offends & (after == 1)
-
-
 def _solve_free(
     matrix: Floats, target: Floats, low: Floats, high: Floats, state: NDArray[np.int8]
 ) -> tuple[Floats, Floats]:
     free = state == 0
     held = np.where(state < 0, low, np.where(state > 0, high, 0.0))
-    held = np.where(free, 0.0, held)
     right = target - np.einsum('bij,bj->bi', matrix, held)
     right = np.where(free, right, held)
     left = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Bools, Floats
 
-from power_estimator.effects.fit.blocks import for_each
+from power_estimator.effects.fit.blocks import between, for_each, neighbours
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.delay_search import limits_of, summed
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.fit.orders import PERIODIC, orders_of_fit
+from power_estimator.effects.signals.reducer import SHIFT_STEP
 
 Item = TypeVar('Item')
 
@@ -94,13 +95,12 @@ class CandidateScreener:
 
     def tested(self, trials: Sequence[Trial]) -> list[Screened]:
         """Return held-out errors of each trial, at its delay."""
-        shifts = self.fitter.prepared.shifts
-        step = float(shifts[1] - shifts[0])
+        first = float(self.fitter.prepared.shifts[0])
         out = []
         for some in self._batches(trials):
             mse = self._held_out(some)
             for trial, own in zip(some, mse, strict=True):
-                delay = float(shifts[0]) + trial.place * step
+                delay = first + trial.place * SHIFT_STEP
                 logs = np.log(own + self.fitter.settings.least_mse)
                 loss = float(np.nansum(logs, axis=1).mean())
                 out.append(Screened(trial.actives, own, loss, trial.error, delay))
@@ -192,14 +192,13 @@ class CandidateScreener:
         """Of each subset [n] the place of its best delay, its error there and the solution."""
         gram = self._gram[0][:, pick[:, :, None], pick[:, None, :]].transpose(1, 0, 2, 3)
         gram = summed(gram, self.fitter.groups, 1)[:, None]  # [n, 1, G, m, m]
-        shifts = self.fitter.prepared.shifts
-        step = float(shifts[1] - shifts[0])
-        known = round((self.base.delay - float(shifts[0])) / step)
-        settings = self.fitter.settings
+        shifts, settings = self.fitter.prepared.shifts, self.fitter.settings
+        known = round((self.base.delay - float(shifts[0])) / SHIFT_STEP)
         beside = settings.near_delays
         middle = int(np.clip(known, beside, len(shifts) - beside - 1))
         means = [self.base.coefficients[group].mean(axis=0) for group in self.fitter.groups]
-        base = np.concatenate([np.stack(means), self._filled()], axis=1)
+        free = 0.5 * (self._lower + np.minimum(self._upper, 1.0))
+        base = np.concatenate([np.stack(means), free[:, self._own :]], axis=1)
         near = base[:, pick].transpose(1, 0, 2)[:, None]
         at_middle = np.full((len(pick), 1), float(middle))
         _, near = self._profile(gram, at_middle, pick, near)
@@ -217,29 +216,13 @@ class CandidateScreener:
         index, rows = fine.argmin(axis=1), np.arange(len(pick))
         return places[rows, index], fine[rows, index], solved[rows, index]
 
-    def _filled(self) -> Floats:
-        """Coefficients [G, n] of the candidates in the base: free, to begin with."""
-        count = self._empty + 1 - self._own
-        middle = 0.5 * (self._lower + np.minimum(self._upper, 1.0))
-        return middle[:, -count:]
-
-    def _at(self, values: Floats, places: Floats) -> tuple[Floats, NDArray[np.intp], Floats]:
-        """Values [S, …] at places [n, P] between the delays, with place and weight."""
-        left = np.minimum(places.astype(int), len(values) - 2)
-        w = (places - left).reshape(*places.shape, *[1] * (values.ndim - 1))
-        return (1 - w) * values[left] + w * values[left + 1], left, places - left
-
     def _profile(
         self, gram: Floats, places: Floats, pick: NDArray[np.intp], near: Floats
     ) -> tuple[Floats, Floats]:
         """Summed log error [n, P] at places [n, P] of the delay, and solutions [n, P, G, m]."""
-        moment, left, w = self._at(self._moment[0], places)  # [n, P, D, M]
-        own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)
-        right = summed(own, self.fitter.groups, 2)
-        w = w[..., None]
-        square = (1 - w) ** 2 * self._square[left] + w**2 * self._square[left + 1]
-        square = square + 2 * w * (1 - w) * self._next[left]
-        square = summed(square, self.fitter.groups, 2)
+        moment, square = between(places, self._moment[0], self._square, self._next)
+        own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)  # [n, P, D, m]
+        right, square = (summed(each, self.fitter.groups, 2) for each in (own, square))
         x = self._solve(gram, right, pick, near)
         error = square - 2 * (x * right).sum(axis=3)
         error = error + (x * (gram @ x[..., None])[..., 0]).sum(axis=3)
@@ -255,10 +238,12 @@ class CandidateScreener:
         solutions = [trial.solution for trial in trials]
         near = np.stack([np.pad(x, ((0, 0), (0, width - x.shape[1]))) for x in solutions])[:, None]
         places = np.array([trial.place for trial in trials])
+        left, weight = neighbours(places, len(prepared.shifts))
         gram = self._gram[1:][:, :, pick[:, :, None], pick[:, None, :]]  # [F, D, n, m, m]
         gram = summed(gram.transpose(2, 0, 1, 3, 4), self.fitter.groups, 2)
-        moment, left, w = self._at(self._moment[1:].transpose(1, 0, 2, 3), places[:, None])
-        own = np.take_along_axis(moment[:, 0], pick[:, None, None, :], axis=3)
+        by_delay, w = self._moment[1:].swapaxes(0, 1), weight[:, None, None, None]
+        moment = (1 - w) * by_delay[left] + w * by_delay[left + 1]  # [n, F, D, M]
+        own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)
         right = summed(own, self.fitter.groups, 2)
         solved = self._solve(gram, right, pick, near)  # [n, F, G, m]
         drives = self._columns.shape[1]
@@ -278,7 +263,7 @@ class CandidateScreener:
                 model = (x @ full[:, fold, drive].T.astype(np.float32)).reshape(*rows.shape, -1)
                 mask, counts = masks[tested, :, drive], blocks.counts[tested, drive]
                 constant = self._constant[rows, drive]
-                for trial, (before, share) in enumerate(zip(left[:, 0], w[:, 0], strict=True)):
+                for trial, (before, share) in enumerate(zip(left, weight, strict=True)):
                     power = (1 - share) * prepared.power[before, rows, drive]
                     power = power + share * prepared.power[before + 1, rows, drive]
                     error = np.square(np.nan_to_num(power - constant) - model[..., trial]) * mask

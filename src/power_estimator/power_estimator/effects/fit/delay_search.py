@@ -11,7 +11,7 @@ from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Design
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.effects.signals.reducer import REDUCED_RATE, SHIFT_STEP
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class DelaySearch:
             delay = 0.0
         shifts = self.prepared.shifts
         if delay is not None:
-            place = np.clip((delay - shifts[0]) / self._step, 0.0, len(shifts) - 1.001)
+            place = np.clip((delay - shifts[0]) / SHIFT_STEP, 0.0, len(shifts) - 1.001)
             low = int(place)
             return self._equations(design, blocks, slice(low, low + 2)).at(place - low), delay
         window = self._window(near)
@@ -58,7 +58,7 @@ class DelaySearch:
         if not inner:
             return self.found(design, blocks, weights, None, None)
         place = self._finely(design, sums, best)
-        return equations.at(place), float(shifts[0] + self._step * (window.start + place))
+        return equations.at(place), float(shifts[0] + SHIFT_STEP * (window.start + place))
 
     def drawn(
         self, design: Design, blocks: Blocks, weights: Floats, near: float, drawn: Floats
@@ -76,18 +76,14 @@ class DelaySearch:
             sums = equations.summed(weights * counts[:, None])
             best = int(np.argmin(self._profile(design, *sums[:3])))
             place = window.start + self._finely(design, sums, best)
-            out[row] = self.prepared.shifts[0] + self._step * place
+            out[row] = self.prepared.shifts[0] + SHIFT_STEP * place
         return out
-
-    @property
-    def _step(self) -> float:
-        return float(self.prepared.shifts[1] - self.prepared.shifts[0])
 
     def _window(self, near: float | None) -> slice:
         count = len(self.prepared.shifts)
         if near is None:
             return slice(0, count)
-        middle = round((near - float(self.prepared.shifts[0])) / self._step)
+        middle = round((near - float(self.prepared.shifts[0])) / SHIFT_STEP)
         beside = self.settings.near_delays
         low = int(np.clip(middle - beside, 0, count - 2 * beside - 1))
         return slice(low, low + 2 * beside + 1)
@@ -100,11 +96,11 @@ class DelaySearch:
         self, design: Design, sums: tuple[Floats, Floats, Floats, Floats], best: int
     ) -> float:
         """Place of the best delay between the neighbours of the best of some."""
-        gram, moment, square, next_ = sums
-        middle = int(np.clip(best, 1, len(moment) - 2))
-        steps = round(self._step / self.settings.fine_delay)
+        gram, *by_delay = sums
+        middle = int(np.clip(best, 1, len(by_delay[0]) - 2))
+        steps = round(SHIFT_STEP / self.settings.fine_delay)
         places = np.linspace(middle - 1, middle + 1, 2 * steps + 1)
-        fine = self._profile(design, gram, *between(places, moment, square, next_))
+        fine = self._profile(design, gram, *between(places, *by_delay))
         return float(places[int(np.argmin(fine))])
 
     def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
