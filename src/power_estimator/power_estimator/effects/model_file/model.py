@@ -16,7 +16,7 @@ from power_estimator.effects.effect import Effect, Shape, Term
 from power_estimator.effects.fit.design import Active, BasePower, Prior, Structure, evaluate
 from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
-from power_estimator.effects.signals.sizing import with_torque
+from power_estimator.effects.signals.sizing import with_torque, with_voltage
 from power_estimator.effects.signals.state import Carried, Signals
 from power_estimator.effects.split import split
 from power_estimator.model import Needs, PowerModel
@@ -246,7 +246,8 @@ class EffectModel:
         known = self._known(data.names)
         if not known.names:
             return None
-        used = _with_voltage(data.drives(known.names), known.groups)
+        nominal = np.array([group.voltage for group in known.groups], dtype=np.float32)
+        used = with_voltage(data.drives(known.names), nominal)
         groups = zip(used.names, known.groups, strict=True)
         constants = {n: _constant(n, g) for n, g in groups if n in used.current_as_torque}
         used = with_torque(used, constants)
@@ -355,9 +356,3 @@ def _constant(drive: str, group: DriveGroup) -> float:
             'it on recordings like this one'
         )
     return group.torque_constant
-
-
-def _with_voltage(data: AlignedDataset, members: Sequence[DriveGroup]) -> AlignedDataset:
-    nominal = np.array([group.voltage for group in members], dtype=np.float32)
-    voltage = np.asarray(data.voltage, dtype=np.float32)
-    return replace(data, voltage=np.where(np.isfinite(voltage), voltage, nominal))

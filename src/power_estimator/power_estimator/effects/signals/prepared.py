@@ -20,8 +20,13 @@ from power_estimator.effects.signals.reducer import (
     SHIFT_STEP,
     Reducer,
 )
-from power_estimator.effects.signals.scale import DriveScale
-from power_estimator.effects.signals.sizing import drive_scale, torque_constants, with_torque
+from power_estimator.effects.signals.scale import VOLTAGE, DriveScale
+from power_estimator.effects.signals.sizing import (
+    drive_scale,
+    torque_constants,
+    with_torque,
+    with_voltage,
+)
 
 WHOLE = 'robot'  # name of the meter of a whole robot
 _LAG_LIMIT = 0.02  # s
@@ -100,7 +105,7 @@ class Prepared:
     @property
     def seconds(self) -> float:
         """Length of the reduced signals in s; 0 for operating points."""
-        return 0.0 if self.steady else self._seconds_of(len(self.time))
+        return 0.0 if self.steady else len(self.time) * self.reducer.every / REDUCED_RATE
 
     @property
     def extent(self) -> str:
@@ -109,10 +114,8 @@ class Prepared:
 
     def extent_of(self, rows: int) -> str:
         """Return the length of a number of rows in words."""
-        return f'{rows} operating points' if self.steady else f'{self._seconds_of(rows):.0f} s'
-
-    def _seconds_of(self, rows: int) -> float:
-        return rows * self.reducer.every / REDUCED_RATE
+        seconds = rows * self.reducer.every / REDUCED_RATE
+        return f'{rows} operating points' if self.steady else f'{seconds:.0f} s'
 
     @cached_property
     def measured(self) -> Bools:
@@ -162,11 +165,9 @@ class Prepared:
     def power_at(self, delay: float) -> Floats:
         """Return the reduced power with its delay (s) to the joint signals taken out, W [N, M]."""
         place = np.clip((delay - self.shifts[0]) / SHIFT_STEP, 0.0, len(self.shifts) - 1.001)
-        left = int(place)
-        weight = place - left
-        return np.asarray(
-            (1.0 - weight) * self.power[left] + weight * self.power[left + 1], dtype=np.float64
-        )
+        weight, left = np.modf(place)
+        before, after = self.power[int(left)], self.power[int(left) + 1]
+        return np.asarray((1.0 - weight) * before + weight * after, dtype=np.float64)
 
     def reduced(self, values: Floats) -> Floats:
         """Return a signal at the input rate [T, …], low-passed and decimated to [N, …]."""
@@ -266,7 +267,9 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     seen = np.isfinite(data.position).any(axis=0)
     good = np.isfinite(data.velocity + data.torque).all(axis=1)
     good &= np.isfinite(data.position[:, seen]).all(axis=1)
-    data = _fill_voltage(_cut(data, good))
+    data = _cut(data, good)
+    middle = np.nanmedian(data.voltage) if np.isfinite(data.voltage).any() else VOLTAGE
+    data = with_voltage(data, middle)
     constants = torque_constants(data)
     data = with_torque(data, constants)
     lag = velocity_lag(data)
@@ -275,13 +278,12 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
         reducer = Reducer(data.rate, (slice(0, len(data.time)),), steady=True)
     else:
         reducer = Reducer(data.rate, _long_enough(signals.stretches(), data.rate, window), window)
-    count = round((LATEST - EARLIEST) / SHIFT_STEP) + 1
-    shifts = np.linspace(EARLIEST, LATEST, count)
     if not reducer.slices:
         raise InputError(
             f'no stretch of {data.time.size / data.rate:.1f} s of data is longer than 1 s without '
             'a gap'
         )
+    shifts = np.linspace(EARLIEST, LATEST, round((LATEST - EARLIEST) / SHIFT_STEP) + 1)
     meters = _columns(data.supply[:, None] if whole else data.power)
     power = np.stack([reducer.reduce(meters, shift) for shift in shifts.tolist()])
     centres = reducer.centres()
@@ -315,12 +317,9 @@ def velocity_lag(data: AlignedDataset) -> Floats:
     acceleration = reducer.reduce(rate_of(own, stretches, data.rate))
     lags = np.zeros(len(data.names))
     for drive, name in enumerate(data.names):
-        moving = velocity[:, drive].std()
-        if moving < 0.02:
+        if velocity[:, drive].std() < 0.02 or not np.isfinite(rate[:, drive]).all():
             continue
         columns = np.stack([velocity[:, drive], acceleration[:, drive]], axis=1)
-        if not np.isfinite(rate[:, drive]).all():
-            continue
         (slope, lag), *_ = np.linalg.lstsq(columns, rate[:, drive], rcond=None)
         related = abs(np.corrcoef(velocity[:, drive], rate[:, drive])[0, 1]) > _RELATED
         plausible = 0.7 < slope < 1.4
@@ -364,14 +363,6 @@ def _cut(data: AlignedDataset, good: Bools) -> AlignedDataset:
     segment = data.segment.astype(np.int64) * (int(hole.max()) + 1) + hole
     _, numbered = np.unique(segment, return_inverse=True)
     return replace(data, segment=numbered.astype(np.int32)).rows(good)
-
-
-def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
-    voltage = np.asarray(data.voltage, dtype=np.float32)
-    if np.isfinite(voltage).all():
-        return data
-    middle = np.nanmedian(voltage) if np.isfinite(voltage).any() else np.float32(48.0)
-    return replace(data, voltage=np.where(np.isfinite(voltage), voltage, middle))
 
 
 def _meter_noise(data: AlignedDataset, meters: Floats, reducer: Reducer) -> Floats:

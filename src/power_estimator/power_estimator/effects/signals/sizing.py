@@ -30,6 +30,13 @@ def with_torque(data: AlignedDataset, constants: Mapping[str, float]) -> Aligned
     return replace(data, torque=data.torque * factors)
 
 
+def with_voltage(data: AlignedDataset, nominal: float | Singles) -> AlignedDataset:
+    """Return data with a voltage in V, of all or by drive [D], where none was measured."""
+    voltage = np.asarray(data.voltage, dtype=np.float32)
+    filled = np.where(np.isfinite(voltage), voltage, np.asarray(nominal, dtype=np.float32))
+    return replace(data, voltage=filled)
+
+
 def torque_constants(data: AlignedDataset) -> dict[str, float]:
     """Return N·m/A of drives whose torque is a current, from the power that it makes with speed.
 
