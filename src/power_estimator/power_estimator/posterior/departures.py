@@ -31,7 +31,17 @@ the sign hardly depends, and beyond that it turns fast.
 _TURNS: Final = 0.5  # prior spread of an octave's share of the friction
 _REACH: Final = 0.05  # s at the speed where its sign turns: the way on which friction turns
 _AT_REST: Final = 0.5  # share of friction that a drive is held by when it stands
-_SHAFT: Final = 0.1  # share of an effect's smooth departure: a torque sensor is nearly linear
+Kinds = tuple[str, ...]
+_BENDS: Final[Mapping[Kinds, tuple[Mapping[str, float], int, float]]] = {
+    ('friction', 'viscous', 'iron'): (
+        {'speed': 1.0, 'load': 1.0, 'direction': 0.7, 'quadrant': 0.5},
+        8,
+        1.0,
+    ),
+    ('copper',): ({'load': 1.0}, 3, 1.0),
+    ('shaft',): ({'load': 1.0, 'side': 0.7}, 4, 0.1),  # a torque sensor is nearly linear
+}
+"""By kinds of effects that depart smoothly together: weights of causes, features, and size."""
 
 
 @dataclass(frozen=True)
@@ -87,15 +97,11 @@ class Departures:
         Iron loss departs as friction does: else the stiffer of the two would be named for it.
         """
         bent, causes = [], []
-        for kinds, bends, share in (
-            (('friction', 'viscous', 'iron'), self._bends, 1.0),
-            (('copper',), self._bends_by_load, 1.0),
-            (('shaft',), self._bends_by_torque, _SHAFT),
-        ):
+        for kinds, (_, _, share) in _BENDS.items():
             own = [powers[kind] for kind in kinds if kind in powers]
             if own:
                 watts = self._reducer.reduce_thin(np.sum(own, axis=0))
-                bent.append(share * np.einsum('nd,ndb->nb', watts, bends))
+                bent.append(share * np.einsum('nd,ndb->nb', watts, self._bends[kinds]))
                 causes += [f'departures of {" and ".join(kinds)}'] * bent[-1].shape[1]
         return np.concatenate(bent, axis=1), causes
 
@@ -192,27 +198,16 @@ class Departures:
         }
 
     @cached_property
-    def _bends(self) -> Floats:
-        """Random Fourier features of how friction may depart smoothly [N, D, b]."""
-        weights = {'speed': 1.0, 'load': 1.0, 'direction': 0.7, 'quadrant': 0.5}
-        return self._fourier(weights, 8)
-
-    @cached_property
-    def _bends_by_load(self) -> Floats:
-        """The same of copper loss, which departs smoothly with the load alone [N, D, b]."""
-        return self._fourier({'load': 1.0}, 3)
-
-    @cached_property
-    def _bends_by_torque(self) -> Floats:
-        """The same of a torque sensor, which departs smoothly with the torque alone [N, D, b]."""
-        return self._fourier({'load': 1.0, 'side': 0.7}, 4)
-
-    def _fourier(self, weights: Mapping[str, float], count: int) -> Floats:
-        random = np.random.default_rng(5)
-        raw = np.stack([weight * self._causes[name] for name, weight in weights.items()], axis=2)
-        inputs = self._builder.prepared.reduced(raw)
-        parts = [fourier(random, inputs[:, d], count, _LENGTH) for d in range(inputs.shape[1])]
-        return np.stack(parts, axis=1)
+    def _bends(self) -> Mapping[Kinds, Floats]:
+        """Random Fourier features of how kinds of effects may depart smoothly [N, D, b]."""
+        out = {}
+        for kinds, (weights, count, _) in _BENDS.items():
+            random = np.random.default_rng(5)
+            raw = [weight * self._causes[name] for name, weight in weights.items()]
+            by_drive = self._builder.prepared.reduced(np.stack(raw, axis=2)).swapaxes(0, 1)
+            parts = [fourier(random, inputs, count, _LENGTH) for inputs in by_drive]
+            out[kinds] = np.stack(parts, axis=1)
+        return out
 
 
 def _kind(name: str) -> str:

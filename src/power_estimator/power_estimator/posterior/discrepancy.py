@@ -9,7 +9,6 @@ from wattwalk_core.arrays import Floats
 from power_estimator.effects.signals.prepared import Prepared
 
 _TURNS = 4 * np.pi  # rad, of a drive that turns on
-SEVERAL = 'several at once'
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def smooth_features(prepared: Prepared) -> Features:
         pair = np.concatenate([own['torque'], own['speed']], axis=1)
         add('torque and speed', fourier(random, pair, round(12 * few), 1.0))
         every = np.concatenate(list(own.values()), axis=1)
-        add(SEVERAL, fourier(random, every, round(20 * few), 1.6))
+        add('several at once', fourier(random, every, round(20 * few), 1.6))
     if not prepared.steady:  # operating points are in no order
         time = prepared.time - prepared.time[0]
         waves = np.arange(1, int(np.clip(time[-1] / 15, 1, 20)) + 1)

@@ -20,7 +20,6 @@ _CLOSE = 0.5  # nats: a step that promises less is not taken
 _STALE = 2  # points in turn that gain no more than that
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
-_CELLS = _SIZES * len(SIZES)
 LINEAR_SIZE = 0.3  # prior spread of new effects where sets are only screened
 
 
@@ -131,7 +130,8 @@ def fit_set(
     """
     signed = signs(actives)
     point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
-    count = _SIZES if known_all(actives, known) else _CELLS
+    new = any(active.name not in known for active in actives)  # else there is one size of such
+    count = _SIZES * (len(SIZES) if new else 1)
     best: FittedSet | None = None
     here, last, stale = np.empty(0), -np.inf, 0
     for _ in range(_ITERATIONS):
@@ -163,11 +163,6 @@ def fit_set(
         point = {active.name: (active, values[columns.places(active)]) for active in actives}
     assert best is not None
     return best
-
-
-def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
-    """Return whether a set has no new effect, so that there is one size of such."""
-    return all(active.name in known for active in actives)
 
 
 def errors_beside(

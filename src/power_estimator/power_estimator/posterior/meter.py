@@ -14,7 +14,7 @@ from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower, Structure
-from power_estimator.effects.fit.design_builder import DesignBuilder
+from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.library.bus import returned_shares
 from power_estimator.effects.signals.prepared import Prepared
@@ -78,17 +78,17 @@ class MeterProblem:
 
     def drawn(self, point: Point) -> Floats:
         """Power that the drive draws by the effects of a point, W [T, D]."""
-        return self._signals_at(point).drawn
+        return self._at(point).signals.drawn
 
     def slope(self, point: Point) -> Floats:
         """Derivative of a point's power by the motor's torque, W/(N·m) [T, D]."""
-        s = self._signals_at(point)
+        s = self._at(point).signals
         return s.motor_velocity + s.torque_cost
 
-    def _signals_at(self, point: Point) -> Signals:
+    def _at(self, point: Point) -> Linearisation:
         structure = Structure((*self.fixed, *(active for active, _ in point.values())))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
-        return self.builder.point(structure, values[None]).signals
+        return self.builder.point(structure, values[None])
 
     def share_bus(self, drawn: Floats) -> None:
         """Take what the other drives draw, W [T, D], as their part of the bus."""
@@ -111,31 +111,28 @@ class MeterProblem:
 
     def columns(self, actives: Sequence[Active], point: Point) -> EffectColumns:
         """Linearise effects about a point, which has coefficients in SI by name."""
-        chosen = [active for active, _ in point.values()]
-        structure = Structure((*self.fixed, *chosen))
-        values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
-        at = self.builder.point(structure, values[None])
+        at = self._at(point)
         slope = at.signals.motor_velocity + at.signals.torque_cost
         departed = self.departures.of(point, at.signals)
         blocked = blocked_shares(at.signals, point)
         more = [at.power, *self.errors.watts(at.power, slope, blocked)]
-        every = tuple({active.key: active for active in (*actives, *chosen)}.values())
-        found, beside = self.builder.columns_and(every, at, more)
-        of = {active.key: own[:, 0] for active, own in zip(every, found, strict=True)}
+        every = {active.key: active for active in (*actives, *(own for own, _ in point.values()))}
+        found, beside = self.builder.columns_and([*every.values()], at, more)
+        of = {key: own[:, 0] for key, own in zip(every, found, strict=True)}
         raw = [of[active.key] for active in actives]
         joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
         size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
         power = beside[:, 0, 0]
         nuisance = np.concatenate([beside[:, 0, 1:], departed.formed], axis=1)
-        linear = np.zeros(len(joined))
-        for active, own in point.values():
-            linear += of[active.key] @ own
+        linear = sum(
+            (of[active.key] @ own for active, own in point.values()), np.zeros(len(joined))
+        )
         metered = self._metered_share(power)
         of_point = ~np.isin((*SENSORS, *departed.causes), UNMOVED)
         nuisance = nuisance * np.where(of_point, metered, 1.0)
-        keys = {active.key for active in actives}
+        here = {active.key for active in actives}
         may_be_absent = self.noise.absent if self.noise else ()
-        absent = [i for i, key in enumerate(may_be_absent) if key not in keys]
+        absent = [i for i, key in enumerate(may_be_absent) if key not in here]
         scaled = self._sizes(actives, point, raw) / size
         return EffectColumns(
             tuple(actives),
@@ -300,11 +297,11 @@ def meter_problems(
     prepared: Prepared, fixed: Sequence[Active], base: BasePower | None
 ) -> list[MeterProblem]:
     """Return a problem for each meter."""
-    count = len(prepared.names)
-    if count == 1:
+    if len(prepared.names) == 1:
         return [MeterProblem(prepared, fixed, base)]
+    drives = range(len(prepared.names))
     return for_each(
-        lambda d: MeterProblem(prepared.drive(d), fixed, base and base.drive(d)), range(count)
+        lambda d: MeterProblem(prepared.drive(d), fixed, base and base.drive(d)), drives
     )
 
 
@@ -335,14 +332,12 @@ def _friction_at_one(
     weights, place = np.zeros(len(scaled) + nuisances), 0
     sizes = {'friction': 0.0, 'viscous': 0.0}
     for active in actives:
-        share = 0.0
-        if active.name in ('viscous_friction', 'coulomb_friction'):
-            share = 1.0
-        elif active.name == 'stribeck_friction':
-            share = float(np.exp(-(active.parameters['speed'] ** -2)))
-        weights[place] = share * scaled[place]
-        if active.name in point and share:
-            sizes[KINDS[active.name]] += share * float(point[active.name][1][0])
+        if active.name in FRICTIONS:
+            speed = active.parameters.get('speed')
+            share = float(np.exp(-(speed**-2))) if speed else 1.0
+            weights[place] = share * scaled[place]
+            if active.name in point:
+                sizes[KINDS[active.name]] += share * float(point[active.name][1][0])
         place += len(active.effect.terms)
     for column, (kind, value) in at_one.items():
         weights[len(scaled) + len(SENSORS) + column] = sizes[kind] * value

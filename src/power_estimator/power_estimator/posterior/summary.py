@@ -11,11 +11,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.effect_columns import EffectColumns, explained, less
 from power_estimator.posterior.fitted_set import cells, signs, values_of
 from power_estimator.posterior.gaussian import draws
-from power_estimator.posterior.meter import (
-    FRICTIONS,
-    MeterProblem,
-    Point,
-)
+from power_estimator.posterior.meter import FRICTIONS, MeterProblem, Point
 from power_estimator.posterior.priors import MISFIT, SPIKE
 from power_estimator.posterior.sensors import LOOPS, SCALES, SENSORS, spreads
 
@@ -74,7 +70,10 @@ def summarised(
     formula = 1.0 + FORMULA * random.normal(size=(len(drawn), count))
     values = drawn[:, :count] * columns.watts * formula
     values = np.where(_without_part(columns, meter.used), 0.0, np.clip(values, -_MOST, _MOST))
-    explains = _explains(columns, meter, drawn[:, :count], known)
+    explains = {
+        one.name: explained(columns, meter.used, one, drawn[:, columns.places(one)], known)
+        for one in actives
+    }
     units = spreads(meter.signals)
     nuisance = drawn[:, count:]
     departing, typical, covariance = meter.departing(
@@ -180,18 +179,6 @@ def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:
         for cause in dict.fromkeys(causes)
     }
     return dict(sorted(sizes.items(), key=lambda item: -item[1]))
-
-
-def _explains(
-    columns: EffectColumns, meter: MeterProblem, drawn: Floats, known: Sequence[str]
-) -> Mapping[str, Floats]:
-    """W rms [s] of each effect that known effects, and the meter's gain, cannot take over."""
-    return {
-        active.name: explained(
-            columns, meter.used, active, drawn[:, columns.places(active)], known
-        )
-        for active in columns.actives
-    }
 
 
 def rms(values: Floats) -> float:
