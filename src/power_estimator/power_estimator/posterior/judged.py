@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.special import expit, logit, logsumexp, ndtr
+from scipy.special import expit, logit, ndtr
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Catalogue, Effect, Signals
@@ -17,8 +17,8 @@ from power_estimator.effects.fit.orders import PERIODIC, Orders, orders_of
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.pieces import sparse
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.posterior.beside import all_beside
-from power_estimator.posterior.fitted_set import errors_beside
+from power_estimator.posterior.effect_columns import explained
+from power_estimator.posterior.fitted_set import errors_beside, signs
 from power_estimator.posterior.meter import meter_problems, representatives
 from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import DOUBTED, NAMED, OFF, SENSORS_OFF
@@ -28,6 +28,8 @@ from power_estimator.posterior.sensors import SCALES, spreads
 from power_estimator.posterior.stand_ins import InSet, judged_set, ratio_of
 from power_estimator.posterior.summary import MeterSummary, rms, summarised
 
+_LEVELS: Final = (0.025, 0.5, 0.975)
+_DRAWS: Final = 200
 _RESOLVED: Final = 0.002  # of some hundred draws
 _WEIGHS: Final = 0.1  # probability of another set from which it is fitted for its scales
 
@@ -68,26 +70,17 @@ class JudgedEffects:
         """Probability that each effect is missing."""
         return {one.active.name: one.probability for one in self.candidates}
 
-    def explains(self, name: str) -> Floats:
-        """W rms of an effect at 2.5, 50 and 97.5 % [3]."""
-        return next((o.explains for o in self.candidates if o.active.name == name), np.zeros(3))
-
-    def share(self, name: str) -> float:
-        """Share of what the model misses that an effect explains."""
-        return next((one.share for one in self.candidates if one.active.name == name), 0.0)
-
     def doubting(self, name: str) -> 'JudgedEffects':
         """Return the judgement where an effect is no more certain than DOUBTED."""
-        candidates = tuple(
+        candidates = [
             replace(one, probability=min(one.probability, DOUBTED))
             if one.active.name == name
             else one
             for one in self.candidates
-        )
+        ]
         any_missing = self.any_missing
         if not any(one.probability >= NAMED for one in candidates):
-            left = [one.probability for one in candidates]
-            left += [one.probability for one in self.undecided]
+            left = [one.probability for one in (*candidates, *self.undecided)]
             any_missing = min(any_missing, max(left))
         return replace(self, candidates=_in_order(candidates), any_missing=any_missing)
 
@@ -95,11 +88,8 @@ class JudgedEffects:
     def named(self) -> tuple[Active, ...]:
         """Effects that are missing with certainty."""
         own = {active.name for active in self.added}
-        return tuple(
-            one.active
-            for one in self.candidates
-            if one.active.name in own and one.probability >= NAMED
-        )
+        likely = (one.active for one in self.candidates if one.probability >= NAMED)
+        return tuple(active for active in likely if active.name in own)
 
 
 @one_thread_a_product()
@@ -133,14 +123,9 @@ def judged_effects(
         for shape in _shapes(active.effect, signals, orders)
         if shape != active.parameters
     ]
+    candidates, tried = [*other_shapes, *lacking], {PERIODIC: orders.tried}
     search = EffectSearch(
-        signals,
-        problems,
-        free,
-        [*other_shapes, *lacking],
-        {PERIODIC: orders.tried},
-        underneath=base is not None,
-        show=show,
+        signals, problems, free, candidates, tried, underneath=base is not None, show=show
     )
     chosen = search.run()
     points = search.settled(chosen)
@@ -153,15 +138,18 @@ def judged_effects(
     expected = rms(np.array([one.discrepancy_w for one in meters]))
     searched = [meters[d] for d in search.searched]
     in_set = judged_set(search, chosen, searched)
-    candidates = _candidates(search, chosen, meters, in_set, left)
+    judged = _candidates(search, chosen, meters, in_set, left)
     new = search.new_in(chosen)
-    known_now = tuple(search.actives[i] for i in sorted(chosen) if i not in new)
     added = tuple(search.actives[i] for i in sorted(new))
-    any_missing = _any_missing(search, candidates, added, expected)
-    scales = _scales(search, chosen, meters, in_set, candidates)
-    undecided = _undecided(search, in_set)
     return JudgedEffects(
-        candidates, any_missing, scales, known_now, added, tuple(meters), left, undecided
+        candidates=judged,
+        any_missing=_any_missing(search, judged, added, expected),
+        scales=_scales(search, chosen, meters, in_set, judged),
+        known=tuple(search.actives[i] for i in sorted(chosen) if i not in new),
+        added=added,
+        meters=tuple(meters),
+        left_w=left,
+        undecided=_undecided(search, in_set),
     )
 
 
@@ -204,27 +192,41 @@ def _candidates(
     instead = _instead(search, in_set)
     for one in in_set:
         name = search.names[one.place]
-        levels = [np.quantile(own.explains[name], [0.025, 0.5, 0.975]) for own in meters]
+        levels = [np.quantile(own.explains[name], _LEVELS) for own in meters]
         found.append((one.place, _rms_levels(levels), float(expit(one.log_odds))))
     misses = sum(explains[1] ** 2 for _, explains, _ in found) + left**2
     sizes = np.array([max(meters[d].discrepancy_w, 1e-12) for d in search.searched])
-    for name, beside in all_beside(search, chosen).items():
-        ratio = ratio_of(beside.explains[:, 1], sizes)
-        log = tempered(
-            search.prior_odds(name), search.odds_beside(name, chosen, beside.gain), ratio
-        )
+    here = search.screened([chosen], chosen)[chosen]
+    for name, (score, new, _) in search.best_new(search.more(chosen), chosen, chosen).items():
+        explains = np.array([_beside(search, m, chosen, new) for m in range(len(sizes))])
+        odds = search.odds_beside(name, chosen, score - here)
+        log = tempered(search.prior_odds(name), odds, ratio_of(explains[:, 1], sizes))
         probability = max(float(expit(log)), instead.get(name, 0.0))
-        found.append((beside.place, _rms_levels(beside.explains), probability))
-    out = [
-        JudgedEffect(
-            search.actives[place],
-            probability,
-            explains,
-            float(explains[1] ** 2 / max(misses, 1e-12)),
-        )
-        for place, explains, probability in found
-    ]
-    return _in_order(out)
+        found.append((new, _rms_levels(explains), probability))
+    shares = [float(explains[1] ** 2 / max(misses, 1e-12)) for _, explains, _ in found]
+    return _in_order(
+        [
+            JudgedEffect(search.actives[place], probability, explains, share)
+            for (place, explains, probability), share in zip(found, shares, strict=True)
+        ]
+    )
+
+
+def _beside(search: EffectSearch, m: int, chosen: Chosen, new: int) -> Floats:
+    """W rms [3] at 2.5, 50 and 97.5 % that an effect explains beside a set on a meter.
+
+    It is linearised about the set, at the most probable discrepancy.
+    """
+    actives = [search.actives[i] for i in (*chosen, new)]
+    found = search.linearised(m, actives)
+    count = sum(len(active.effect.terms) for active in actives)
+    terms = slice(count - len(actives[-1].effect.terms), count)
+    mean, covariance = found.mean[terms], found.covariance[terms, terms]
+    drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
+    drawn = np.where(signs(actives[-1:]), np.maximum(drawn, 0.0), drawn)
+    others = [*search.names_of(chosen)]
+    watts = explained(search.made[m], search.meters[m].used, actives[-1], drawn, others)
+    return np.asarray(np.quantile(watts, _LEVELS))
 
 
 def _instead(search: EffectSearch, in_set: Sequence[InSet]) -> Mapping[str, float]:
@@ -274,13 +276,9 @@ def _any_missing(
     watts = [one.explains[1] for one in candidates if one.active.name in names]
     if not watts:
         return most
-    some: list[float] = []
-    none: list[float] = []
-    for each in search.judged:
-        (some if search.new_in(each) else none).append(search.score(each))
+    odds = search.odds_of(lambda each: bool(search.new_in(each)))
     ratio = float(np.hypot.reduce(watts)) / max(left, 1e-12)
-    odds = tempered(0.0, float(logsumexp(some) - logsumexp(none)), ratio)
-    return max(most, float(expit(odds)))
+    return max(most, float(expit(tempered(0.0, odds, ratio))))
 
 
 def _scales(

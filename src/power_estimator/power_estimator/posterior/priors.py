@@ -47,25 +47,18 @@ Both effects are one on a bench with one drive: only by how much is lost they ar
 SPIKE: Final = 0.003  # of the rms power, explained by an effect that counts as absent
 DISCREPANCY: Final = np.array([2e-3, 1e-2, 3e-2, 0.1])
 DEPARTING: Final = np.array([0.02, 0.1, 0.4])
-KINDS: Final[Mapping[str, str]] = {
-    'viscous_friction': 'viscous',
-    'coulomb_friction': 'friction',
-    'stribeck_friction': 'friction',
-    'load_friction': 'friction',
-    'copper_loss': 'copper',
-    'inverter_loss': 'copper',
-    'winding_heating': 'copper',
-    'saturation': 'copper',
-    'iron_loss': 'iron',
-    'field_weakening': 'field',
-    'idle': 'idle',
-    'line_resistance': 'bus',
-    'regeneration_efficiency': 'bus',
-    'regeneration_limit': 'bus',
-    'rotor_inertia': 'motion',
-    'spring': 'motion',
-    'cogging': 'cogging',
+_NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+    'viscous': ('viscous_friction',),
+    'friction': ('coulomb_friction', 'stribeck_friction', 'load_friction'),
+    'copper': ('copper_loss', 'inverter_loss', 'winding_heating', 'saturation'),
+    'iron': ('iron_loss',),
+    'field': ('field_weakening',),
+    'idle': ('idle',),
+    'bus': ('line_resistance', 'regeneration_efficiency', 'regeneration_limit'),
+    'motion': ('rotor_inertia', 'spring'),
+    'cogging': ('cogging',),
 }
+KINDS: Final = {name: kind for kind, names in _NAMES.items() for name in names}
 DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
     'friction': {
         'speed': 0.2,
@@ -75,20 +68,10 @@ DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
         'time': 0.1,
         'low': 0.15,
     },
-    'viscous': {  # iron loss and it bend to one another
-        'speed': 0.2,
-        'load': 0.05,
-        'direction': 0.05,
-        'quadrant': 0.05,
-        'time': 0.1,
-    },
-    'copper': {
-        'load': 0.1,
-        'direction': 0.03,
-        'quadrant': 0.03,
-        'time': 0.05,  # a winding that warms unseen
-        'saturation': 0.1,
-    },
+    # Iron loss and it bend to one another.
+    'viscous': {'speed': 0.2, 'load': 0.05, 'direction': 0.05, 'quadrant': 0.05, 'time': 0.1},
+    # By time, as a winding warms unseen.
+    'copper': {'load': 0.1, 'direction': 0.03, 'quadrant': 0.03, 'time': 0.05, 'saturation': 0.1},
     'iron': {'speed': 0.2, 'load': 0.1, 'direction': 0.05, 'quadrant': 0.05, 'time': 0.05},
     'field': {'speed': 0.2, 'load': 0.1, 'direction': 0.05, 'quadrant': 0.05, 'time': 0.05},
     'idle': {'speed': 0.02, 'load': 0.02, 'time': 0.05},

@@ -144,17 +144,18 @@ class EffectSearch:
         """Log odds that the model lacks an effect, before the recording."""
         return float(logit(self.prior[name]))
 
-    def log_odds(self, name: str) -> float:
-        """Log odds of sets with an effect over sets without it, of those that were judged."""
-        with_: list[float] = []
-        without: list[float] = []
+    def odds_of(self, counts: Callable[[Chosen], bool]) -> float:
+        """Log odds of the judged sets that count over the others; −inf where none counts."""
+        scores: dict[bool, list[float]] = {True: [], False: []}
         for each in self.judged:
-            (with_ if name in self.names_of(each) else without).append(self.score(each))
-        return float(logsumexp(with_) - logsumexp(without)) if with_ else -np.inf
+            scores[counts(each)].append(self.score(each))
+        return (
+            float(logsumexp(scores[True]) - logsumexp(scores[False])) if scores[True] else -np.inf
+        )
 
     def odds_beside(self, name: str, chosen: Chosen, screened: float) -> float:
         """Log odds of an effect that is not in the best set; screened where none was judged."""
-        found = self.log_odds(name)
+        found = self.odds_of(lambda each: name in self.names_of(each))
         if np.isfinite(found):
             return found
         least = min(self.score(each) for each in self.judged) - self.score(chosen)
