@@ -167,8 +167,8 @@ def _groups(
         def value(column: int, share: float = 1.0, meter: int = meter) -> FittedValue:
             low, high = (share * float(bound) for bound in intervals[meter, column])
             found = share * float(fit.coefficients[meter, column])
-            plain = FittedValue(found, (low, high), fit.at_bound(meter, column))
-            return plain.within(low, high)
+            ends = min(low, found), max(high, found)
+            return FittedValue(found, ends, fit.at_bound(meter, column))
 
         coefficients = {}
         for active in chosen.free:

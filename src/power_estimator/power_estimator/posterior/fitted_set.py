@@ -97,13 +97,10 @@ def cells(
     middle = np.concatenate([np.where(flat, KNOWN_SIZE, LINEAR_SIZE), ones])
     logs = by_delay(normals, middle)
     place = int(np.argmax(logs.max(axis=0)))
-    shares = [
-        (i, meter.shares[name])
-        for i, name in enumerate(names)
-        if name in meter.shares and not flat[i]
-    ]
-    places = np.array([i for i, _ in shares], np.intp)
-    mean, own = np.array([share for _, share in shares]).reshape(-1, 2).T / columns.watts[places]
+    shared = np.array([name in meter.shares for name in names], dtype=bool)
+    places = np.flatnonzero(shared & ~flat)
+    shares = np.array([meter.shares[names[i]] for i in places]).reshape(-1, 2)
+    mean, own = shares.T / columns.watts[places]
     out = []
     for k in np.flatnonzero(logs[:, place] >= logs[:, place].max() - _NEGLIGIBLE).tolist():
         normal = normals.at(k).centred(places, mean, own)

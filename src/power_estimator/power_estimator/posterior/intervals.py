@@ -21,7 +21,6 @@ from power_estimator.posterior.rates import with_quiet_rates
 from power_estimator.posterior.summary import MeterSummary, summarised
 
 _LEVELS = (0.025, 0.975)
-_ENDS = ('lower', 'upper')
 
 
 @one_thread_a_product()
@@ -66,9 +65,7 @@ def posterior_draws(
         parts = [np.empty((len(scale), 0))]
         for effect in free:
             own = drawn_of(summaries[meter], effect, prepared, d)
-            bounds = effect.factors(prepared.signals.scale)[d]
-            low, high = (bounds * [getattr(t, end) for t in effect.terms] for end in _ENDS)
-            parts.append(np.clip(own, low, high))
+            parts.append(np.clip(own, *_bounds(effect, prepared.signals.scale)[:, d]))
         chosen = (picks[meter] * len(scale)).astype(np.intp)
         found.append(np.concatenate(parts, axis=1)[chosen])
         # A sensor that reads low stands for more torque than it says.
@@ -88,6 +85,12 @@ def drawn_of(summary: MeterSummary, effect: Effect, prepared: Prepared, drive: i
     drawn = found.get(f'{effect.name}@{prepared.signals.names[drive]}', found.get(effect.name))
     assert drawn is not None
     return drawn * share_of(effect, prepared, drive)
+
+
+def _bounds(effect: Effect, scale: DriveScale) -> Floats:
+    """Lower and upper bounds of an effect's coefficients [2, D, n] in drives of a scale."""
+    ends = np.array([(term.lower, term.upper) for term in effect.terms])
+    return ends.T[:, None] * effect.factors(scale)
 
 
 def with_intervals(
@@ -119,10 +122,7 @@ def with_intervals(
         scale = DriveScale.stack([group.scale])
         coefficients = {}
         for name, values in group.coefficients.items():
-            effect = effects[name]
-            most = effect.factors(scale)[0] * [term.upper for term in effect.terms]
-            least = effect.factors(scale)[0] * [term.lower for term in effect.terms]
-            ends = np.clip(interval(name, own), least, most)
+            ends = np.clip(interval(name, own), *_bounds(effects[name], scale)[:, 0])
             coefficients[name] = tuple(
                 value.within(float(low), float(high))
                 for value, low, high in zip(values, *ends, strict=True)

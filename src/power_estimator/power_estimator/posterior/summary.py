@@ -59,11 +59,11 @@ def summarised(
         cell.about(here, signed) if cell.solution.evidence - log > _OFF else cell
         for cell, log in zip(found, logs, strict=True)
     ]
-    taken = []
-    for cell, weight in zip(found, weights, strict=True):
-        if weight >= _LEAST:
-            begun = cell.solution.mean
-            taken.append(draws(cell.normal, place, cell.sizes, begun, signed, random, weight))
+    taken = [
+        draws(cell.normal, place, cell.sizes, cell.solution.mean, signed, random, weight)
+        for cell, weight in zip(found, weights, strict=True)
+        if weight >= _LEAST
+    ]
     drawn = np.repeat(np.concatenate(taken), _MISFITS, axis=0)
     best = found[int(np.argmax(weights))]
     count = len(signed)
@@ -133,10 +133,8 @@ def summarised(
     friction = None
     if columns.friction[:count].any():
         together = [float(np.median(v)) for name, v in explains.items() if name in FRICTIONS]
-        friction = (
-            np.clip(drawn @ columns.friction, -_MOST, _MOST)
-            * misfit(float(np.hypot.reduce(together)))[:, 0]
-        )
+        friction = np.clip(drawn @ columns.friction, -_MOST, _MOST)
+        friction = friction * misfit(float(np.hypot.reduce(together)))[:, 0]
     return MeterSummary(
         coefficients,
         friction,

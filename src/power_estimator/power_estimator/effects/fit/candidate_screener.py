@@ -117,24 +117,19 @@ class CandidateScreener:
     def _limits(self) -> None:
         """Bounds and priors of all columns, of each group of drives."""
         scale, base = self.fitter.scale, self.base
-        lower, upper = base.structure.bounds(base.coefficients, scale)
-        prior = [base.structure.priors(scale)]
-        for active in self.candidates:
-            alone = Structure((active,))
-            ends = alone.bounds(np.zeros((len(lower), len(active.effect.terms))), scale)
-            lower = np.concatenate([lower, ends[0]], axis=1)
-            upper = np.concatenate([upper, ends[1]], axis=1)
-            prior.append(alone.priors(scale))
-        priors, groups = np.concatenate(prior, axis=1), self.fitter.groups
-        limits = limits_of(lower, upper, priors, self.fitter.weight, groups)
+        parts = [(*base.structure.bounds(base.coefficients, scale), base.structure.priors(scale))]
+        for alone in (Structure((active,)) for active in self.candidates):
+            none = np.zeros((len(scale.torque), len(alone.terms)))
+            parts.append((*alone.bounds(none, scale), alone.priors(scale)))
+        joined = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
+        limits = limits_of(*joined, self.fitter.weight, self.fitter.groups)
         self._lower, self._upper, self._ridge = (
             np.pad(values, ((0, 0), (0, 1))) for values in limits
         )
 
     def _linearise(self) -> None:
         """Columns of the base and of all candidates [N, D, M], the last one empty."""
-        fitter, base = self.fitter, self.base
-        builder = fitter.builder
+        builder, base = self.fitter.builder, self.base
         design = builder.build(base.structure, base.coefficients, keep=True)
         self._constant = design.constant
         count, drives = design.constant.shape

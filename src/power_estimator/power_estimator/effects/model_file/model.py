@@ -22,7 +22,15 @@ from power_estimator.effects.split import split
 from power_estimator.model import Needs, PowerModel
 
 RATE: Final = 400.0  # Hz of the samples that effects multiply, not smoothed
-NOMINAL: Final = {'position': 0.0, 'voltage': 48.0, 'temperature': 40.0}  # beside torque and speed
+_OPTIONAL: Final = ('position', 'voltage', 'temperature')  # inputs beside torque and speed
+_DRAWN: Final = {
+    'torque': (0.0, 20.0),
+    'velocity': (0.0, 3.0),
+    'position': (0.0, 5.0),
+    'voltage': (48.0, 5.0),
+    'temperature': (40.0, 5.0),
+}
+"""Mean and spread of the signals on which needs are found."""
 _ROWS = (4, 8, 16, 32)  # of memory that is tried; derivatives see three
 _ALL = 512
 _ENDS = (*range(_ALL // 2, _ALL, _ALL // 16), _ALL)  # rows that are judged: at one, little may act
@@ -34,18 +42,10 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
     random = np.random.default_rng(0)
     given = {
         name: middle + spread * random.normal(size=(2, _ALL, len(names)))
-        for name, middle, spread in (
-            *(('torque', 0.0, 20.0), ('velocity', 0.0, 3.0)),
-            *((name, middle, 5.0) for name, middle in NOMINAL.items()),
-        )
+        for name, (middle, spread) in _DRAWN.items()
     }
-    data = AlignedDataset.blank(
-        RATE,
-        names,
-        np.arange(_ALL) / RATE,
-        'random',
-        **{name: values[0] for name, values in given.items()},
-    )
+    first = {name: values[0] for name, values in given.items()}
+    data = AlignedDataset.blank(RATE, names, np.arange(_ALL) / RATE, 'random', **first)
 
     def regressors(signals: Signals) -> Floats:
         return regressors_of(effect, signals, shape)
@@ -54,12 +54,12 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
     whole = regressors(replace(signals, carried=carried))
     inputs = {
         name
-        for name in NOMINAL
+        for name in _OPTIONAL
         if not np.array_equal(regressors(replace(signals, **{name: given[name][1]})), whole)
     }
     if not whole.any():  # of a user's effect in drives that it names itself
         code = getattr(effect.regressors, '__code__', None)
-        inputs = set(NOMINAL) & set(code.co_names if code else ())
+        inputs = set(_OPTIONAL) & set(code.co_names if code else ())
 
     def last(rows: int) -> Floats:
         """Regressors at the ends, of so many rows before each."""
@@ -288,7 +288,7 @@ class EffectModel:
             [
                 0.0 if term.of_recording else found.value
                 for active in self.structure.free
-                for term, found in _by_term(active, group)
+                for term, found in by_term(active, group)
             ]
             for group in members
         ]
@@ -301,7 +301,7 @@ class EffectModel:
         for group in self.groups:
             kind = group.type.name
             for active in self.structure.free:
-                values = _by_term(active, group)
+                values = by_term(active, group)
                 found += [(f'{kind} {active.name} {term.symbol}', own) for term, own in values]
             found += [(f'{kind} {name}', own) for name, own in group.measurement.items()]
         return tuple(f'{name} ({own.at_bound})' for name, own in found if own.at_bound)
@@ -331,7 +331,7 @@ class EffectModel:
                 (0.0, np.inf)
                 if own.at_bound or term.of_recording
                 else (own.value, _spread(own) or np.inf)
-                for term, own in _by_term(active, group)
+                for term, own in by_term(active, group)
             )
             for active in self.structure.free
         }
@@ -341,7 +341,8 @@ class EffectModel:
         return replace(self, history=tuple(entries))
 
 
-def _by_term(active: Active, group: DriveGroup) -> Iterable[tuple[Term, FittedValue]]:
+def by_term(active: Active, group: DriveGroup) -> Iterable[tuple[Term, FittedValue]]:
+    """Return an effect's terms with what was fitted to a group."""
     return zip(active.effect.terms, group.coefficients[active.name], strict=True)
 
 

@@ -20,6 +20,7 @@ from power_estimator.effects.model_file.model import (
     DriveGroup,
     EffectModel,
     FittedValue,
+    by_term,
 )
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 
@@ -87,61 +88,56 @@ def write_model(model: EffectModel, path: Path) -> None:
         'base': model.base or None,
         'metered': None if model.metered == 'drives' else model.metered,
         'effects': {a.name: dict(a.parameters) or None for a in model.structure.actives},
-        'drives': {g.type.name: _group_content(g, model.structure) for g in model.groups} or None,
+        'drives': {
+            group.type.name: _rounded(_group_content(group, model.structure))
+            for group in model.groups
+        }
+        or None,
         'prior': {
-            name: [[_number_out(v) for v in own] if np.isfinite(own[1]) else None for own in each]
+            name: _rounded([own if np.isfinite(own[1]) else None for own in each])
             for name, each in model.prior.items()
         }
         or None,
         'fitted_on': [dict(entry) for entry in model.fitted_on] or None,
         'history': [dict(entry) for entry in model.history] or None,
     }
-    write_whole(path, dump_yaml(_known(content)))
+    known = {key: value for key, value in content.items() if value is not None}
+    write_whole(path, dump_yaml(known))
 
 
 def _group_content(group: DriveGroup, structure: Structure) -> dict[str, Any]:
-    factors = dict(zip(_FACTORS, map(_number_out, group.scale), strict=True))
-    constant = group.torque_constant
-    return _known(
-        {
-            'patterns': list(group.type.patterns),
-            # Below 0 the estimate of a lag is noise, or it is the position that comes late.
-            'velocity_lag': _number_out(max(group.velocity_lag, 0.0)),
-            'voltage': _number_out(group.voltage),
-            'copper': _number_out(group.copper) if group.copper else None,
-            'base_factor': None if group.base_factor is None else _number_out(group.base_factor),
-            'scale': None if group.scale == REFERENCE else factors,
-            'torque_constant': None if constant is None else _number_out(constant),
-            'coefficients': {
-                active.name: [
-                    {'symbol': term.symbol, 'unit': term.unit, **_value_content(value)}
-                    for term, value in zip(
-                        active.effect.terms, group.coefficients[active.name], strict=True
-                    )
-                ]
-                for active in structure.free
-            },
-            'measurement': {n: _value_content(v) for n, v in group.measurement.items()} or None,
-        }
-    )
+    factors = dict(zip(_FACTORS, group.scale, strict=True))
+    return {
+        'patterns': group.type.patterns,
+        # Below 0 the estimate of a lag is noise, or it is the position that comes late.
+        'velocity_lag': max(group.velocity_lag, 0.0),
+        'voltage': group.voltage,
+        'copper': group.copper or None,
+        'base_factor': group.base_factor,
+        'scale': None if group.scale == REFERENCE else factors,
+        'torque_constant': group.torque_constant,
+        'coefficients': {
+            active.name: [
+                {'symbol': term.symbol, 'unit': term.unit, **_value_content(value)}
+                for term, value in by_term(active, group)
+            ]
+            for active in structure.free
+        },
+        'measurement': {n: _value_content(v) for n, v in group.measurement.items()} or None,
+    }
 
 
-def _value_content(value: FittedValue) -> dict[str, Any]:
-    return _known(
-        {
-            'value': _number_out(value.value),
-            'interval': [_number_out(bound) for bound in value.interval],
-            'at_bound': value.at_bound or None,
-        }
-    )
+def _value_content(own: FittedValue) -> dict[str, Any]:
+    return {'value': own.value, 'interval': own.interval, 'at_bound': own.at_bound or None}
 
 
-def _known(content: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in content.items() if value is not None}
-
-
-def _number_out(value: float) -> float:
-    return float(f'{value:.6g}')
+def _rounded(content: Any) -> Any:
+    """Content with numbers of six digits, and without entries that are None."""
+    if isinstance(content, dict):
+        return {key: _rounded(own) for key, own in content.items() if own is not None}
+    if isinstance(content, list | tuple):
+        return [_rounded(own) for own in content]
+    return float(f'{content:.6g}') if isinstance(content, int | float) else content
 
 
 def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
@@ -165,13 +161,12 @@ def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
 
 
 def _prior(content: _ModelContent, catalogue: Catalogue, where: str) -> Prior:
+    prior = {}
     for name, own in (content.prior or {}).items():
         if len(own) != len(catalogue.get_known(name, where).terms):
             raise InputError(f'{where}: prior of {name} has {len(own)} values')
-    return {
-        name: tuple(one or (0.0, np.inf) for one in own)
-        for name, own in (content.prior or {}).items()
-    }
+        prior[name] = tuple(one or (0.0, np.inf) for one in own)
+    return prior
 
 
 def _in_full(content: Any, where: str) -> Any:

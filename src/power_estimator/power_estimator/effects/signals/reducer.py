@@ -138,13 +138,11 @@ class Reducer:
 
     def centres(self) -> NDArray[np.intp]:
         """Return the index of the input sample at the middle of each reduced one, [N]."""
-        return np.concatenate(
-            [
-                part.start + self.margin + self.factor * np.arange(self._count(part))
-                for part in self.slices
-            ]
-            or [np.empty(0, dtype=np.intp)]
+        parts = (
+            part.start + self.margin + self.factor * np.arange(self._count(part))
+            for part in self.slices
         )
+        return np.concatenate([np.empty(0, dtype=np.intp), *parts])
 
     def stretches(self) -> list[slice]:
         """Return the gap-free stretches of the reduced samples, as slices of rows."""
