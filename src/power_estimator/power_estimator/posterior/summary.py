@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
-from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
-from power_estimator.posterior.effect_columns import EffectColumns, explained, less
+from power_estimator.posterior.effect_columns import explained, less
 from power_estimator.posterior.fitted_set import cells, signs, values_of
 from power_estimator.posterior.gaussian import draws
 from power_estimator.posterior.meter import FRICTIONS, MeterProblem, Point
@@ -69,7 +69,10 @@ def summarised(
     count = len(signed)
     formula = 1.0 + FORMULA * random.normal(size=(len(drawn), count))
     values = drawn[:, :count] * columns.watts * formula
-    values = np.where(_without_part(columns, meter.used), 0.0, np.clip(values, -_MOST, _MOST))
+    terms = [term for active in actives for term in active.effect.terms]
+    of_start = np.array([term.of_recording for term in terms], dtype=bool)
+    unseen = of_start & ~columns.effects[meter.used].any(axis=0)
+    values = np.where(unseen, 0.0, np.clip(values, -_MOST, _MOST))
     explains = {
         one.name: explained(columns, meter.used, one, drawn[:, columns.places(one)], known)
         for one in actives
@@ -161,13 +164,6 @@ def less_sure(drawn: Floats, gram: Floats, misfit: float) -> Floats:
     after = 1.0 / (1.0 + 1.0 / (before / (1.0 - before) + misfit / size))
     around = (drawn - mean) @ axes * np.sqrt(after / np.maximum(values, 1e-12))
     return np.asarray((around + mean @ axes * (1.0 - after) / (1.0 - before)) @ axes.T)
-
-
-def _without_part(columns: EffectColumns, used: Bools) -> Bools:
-    """Mark terms of a state at the start [n] that these signals do not have."""
-    terms = [term for active in columns.actives for term in active.effect.terms]
-    of_start = np.array([term.of_recording for term in terms], dtype=bool)
-    return of_start & ~columns.effects[used].any(axis=0)
 
 
 def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:

@@ -278,9 +278,7 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     }
     if not options:
         return structure
-    fixed = structure
-    for name in options:
-        fixed = fixed.without(name)
+    fixed = Structure(tuple(active for active in structure.actives if active.name not in options))
     for cogging in (active for active in structure.actives if active.name == PERIODIC):
         without = fitter.fit(structure.without(PERIODIC), iterations=3)
         found = orders_of_fit(without).shapes(cogging.effect, signals)
