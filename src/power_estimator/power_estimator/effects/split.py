@@ -32,10 +32,7 @@ class Split:
 
     def drive(self, place: int) -> 'Split':
         """Return the split of one drive, by its column: parts and slopes are [T]."""
-        return Split(
-            {name: values[:, place] for name, values in self.parts.items()},
-            {key: values[:, place] for key, values in self.slopes.items()},
-        )
+        return reduced(self, lambda values: values[:, place])
 
 
 def split(
@@ -110,10 +107,7 @@ def split(
     return Split(parts, by_column)
 
 
-Reduce = Callable[[Floats], Floats]
-
-
-def reduced(found: Split, reduce: Reduce) -> Split:
+def reduced(found: Split, reduce: Callable[[Floats], Floats]) -> Split:
     """Return the split at the reduced rate; reduce: [T, D] → [N, D]."""
     return Split(
         {name: reduce(values) for name, values in found.parts.items()},
