@@ -3,7 +3,7 @@
 import copyreg
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -41,21 +41,12 @@ _BUILTIN = (
 )
 
 
-class Catalogue(Mapping[str, Effect]):
-    """Mapping of effects by name, in a fixed order; `origins` has the files of users' effects."""
+class Catalogue(dict[str, Effect]):
+    """Effects by name, in a fixed order; `origins` has the files of users' effects."""
 
     def __init__(self, effects: Sequence[Effect], origins: Mapping[str, Path] | None = None):
-        self._effects = {effect.name: effect for effect in effects}
+        super().__init__({effect.name: effect for effect in effects})
         self.origins = dict(origins or {})
-
-    def __getitem__(self, name: str) -> Effect:
-        return self._effects[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._effects)
-
-    def __len__(self) -> int:
-        return len(self._effects)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Travel as the names of files: a user's effects are in no module of others."""

@@ -22,28 +22,22 @@ class Features:
 def smooth_features(prepared: Prepared) -> Features:
     """Sums of functions of one, two and all causes of each drive, and of time."""
     s, random = prepared.signals, np.random.default_rng(0)
-    parts: list[Floats] = []
-    causes: list[str] = []
-
-    def add(cause: str, values: Floats) -> None:
-        parts.append(values)
-        causes.extend([cause] * values.shape[1])
-
+    parts: list[tuple[str, Floats]] = []
     few = 1.0 if s.torque.shape[1] == 1 else 0.5
     for d in range(s.torque.shape[1]):
         own = _state(prepared, d)
-        for name in ('torque', 'speed', 'position'):
-            if name in own:
-                add(name, fourier(random, own[name], 5, 0.7))
+        alone = [name for name in ('torque', 'speed', 'position') if name in own]
+        parts += [(name, fourier(random, own[name], 5, 0.7)) for name in alone]
         pair = np.concatenate([own['torque'], own['speed']], axis=1)
-        add('torque and speed', fourier(random, pair, round(12 * few), 1.0))
+        parts.append(('torque and speed', fourier(random, pair, round(12 * few), 1.0)))
         every = np.concatenate(list(own.values()), axis=1)
-        add('several at once', fourier(random, every, round(20 * few), 1.6))
+        parts.append(('several at once', fourier(random, every, round(20 * few), 1.6)))
     if not prepared.steady:  # operating points are in no order
         time = prepared.time - prepared.time[0]
         waves = np.arange(1, int(np.clip(time[-1] / 15, 1, 20)) + 1)
-        add('time', np.cos(np.pi * waves * time[:, None] / time[-1]) / waves)
-    return Features(np.concatenate(parts, axis=1), tuple(causes))
+        parts.append(('time', np.cos(np.pi * waves * time[:, None] / time[-1]) / waves))
+    causes = tuple(cause for cause, values in parts for _ in range(values.shape[1]))
+    return Features(np.concatenate([values for _, values in parts], axis=1), causes)
 
 
 def _state(prepared: Prepared, drive: int) -> Mapping[str, Floats]:

@@ -11,7 +11,7 @@ from power_estimator.effects import Effect
 from power_estimator.effects.fit.blocks import for_each, one_thread_a_product
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
-from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel
 from power_estimator.effects.signals.pieces import sparse
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.scale import DriveScale
@@ -105,29 +105,26 @@ def with_intervals(
     drives = prepared.signals.names
     effects = {active.name: active.effect for active in model.structure.actives}
 
-    def interval(name: str, own: Sequence[int]) -> Floats:
-        ends = []
-        for d in own:
-            drawn = drawn_of(summaries[0 if prepared.whole else d], effects[name], prepared, d)
-            ends.append(np.quantile(drawn, _LEVELS, axis=0))
-        return np.mean(ends, axis=0)  # [2, n]
-
-    def of_error(name: str, value: FittedValue, own: Sequence[int]) -> FittedValue:
-        found = [summaries[0 if prepared.whole else d].sensors.get(name) for d in own]
-        ends = [np.quantile(drawn, _LEVELS) for drawn in found if drawn is not None]
-        return value.within(*np.mean(ends, axis=0).tolist()) if ends else value
+    def interval(drawn: Sequence[Floats]) -> Floats:
+        """Mean interval [2, …] of draws [s, …] of each drive."""
+        return np.mean([np.quantile(own, _LEVELS, axis=0) for own in drawn], axis=0)
 
     def widened(group: DriveGroup) -> DriveGroup:
         own = assign(drives, [group.type])[group.type.name]
+        found = {d: summaries[0 if prepared.whole else d] for d in own}
         scale = DriveScale.stack([group.scale])
-        coefficients = {}
+        coefficients, errors = {}, {}
         for name, values in group.coefficients.items():
-            ends = np.clip(interval(name, own), *_bounds(effects[name], scale)[:, 0])
+            effect = effects[name]
+            drawn = [drawn_of(summary, effect, prepared, d) for d, summary in found.items()]
+            ends = np.clip(interval(drawn), *_bounds(effect, scale)[:, 0])
             coefficients[name] = tuple(
                 value.within(float(low), float(high))
                 for value, low, high in zip(values, *ends, strict=True)
             )
-        errors = {n: of_error(n, value, own) for n, value in group.measurement.items()}
+        for name, value in group.measurement.items():
+            drawn = [one.sensors[name] for one in found.values() if name in one.sensors]
+            errors[name] = value.within(*interval(drawn).tolist()) if drawn else value
         return replace(group, coefficients=coefficients, measurement=errors)
 
     return replace(model, groups=tuple(widened(group) for group in model.groups))
