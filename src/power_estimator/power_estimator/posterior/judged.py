@@ -80,7 +80,8 @@ class JudgedEffects:
         ]
         any_missing = self.any_missing
         if not any(one.probability >= NAMED for one in candidates):
-            left = [one.probability for one in (*candidates, *self.undecided)]
+            left = [one.probability for one in candidates]
+            left += [one.probability for one in self.undecided]
             any_missing = min(any_missing, max(left))
         return replace(self, candidates=_in_order(candidates), any_missing=any_missing)
 

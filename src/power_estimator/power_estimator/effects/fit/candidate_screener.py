@@ -121,8 +121,8 @@ class CandidateScreener:
         for alone in (Structure((active,)) for active in self.candidates):
             none = np.zeros((len(scale.torque), len(alone.terms)))
             parts.append((*alone.bounds(none, scale), alone.priors(scale)))
-        joined = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
-        limits = limits_of(*joined, self.fitter.weight, self.fitter.groups)
+        lower, upper, prior = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
+        limits = limits_of(lower, upper, prior, self.fitter.weight, self.fitter.groups)
         self._lower, self._upper, self._ridge = (
             np.pad(values, ((0, 0), (0, 1))) for values in limits
         )

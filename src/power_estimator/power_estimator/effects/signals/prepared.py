@@ -269,7 +269,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     good &= np.isfinite(data.position[:, seen]).all(axis=1)
     data = _cut(data, good)
     middle = np.nanmedian(data.voltage) if np.isfinite(data.voltage).any() else VOLTAGE
-    data = with_voltage(data, middle)
+    data = with_voltage(data, float(middle))
     constants = torque_constants(data)
     data = with_torque(data, constants)
     lag = velocity_lag(data)
