@@ -146,12 +146,9 @@ class EffectSearch:
 
     def odds_of(self, counts: Callable[[Chosen], bool]) -> float:
         """Log odds of the judged sets that count over the others; −inf where none counts."""
-        scores: dict[bool, list[float]] = {True: [], False: []}
-        for each in self.judged:
-            scores[counts(each)].append(self.score(each))
-        return (
-            float(logsumexp(scores[True]) - logsumexp(scores[False])) if scores[True] else -np.inf
-        )
+        with_ = [self.score(each) for each in self.judged if counts(each)]
+        without = [self.score(each) for each in self.judged if not counts(each)]
+        return float(logsumexp(with_) - logsumexp(without)) if with_ else -np.inf
 
     def odds_beside(self, name: str, chosen: Chosen, screened: float) -> float:
         """Log odds of an effect that is not in the best set; screened where none was judged."""
