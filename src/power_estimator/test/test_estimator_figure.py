@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib import image
-from power_estimator.evaluation.figure import Traces, draw_bars, draw_traces
+from power_estimator.evaluation.figure import draw_bars, draw_traces
+from power_estimator.evaluation.traces import Traces
 from power_estimator.judge.result import SupplyScore
 from power_estimator.scores import Score
 from wattwalk_core.errors import InputError

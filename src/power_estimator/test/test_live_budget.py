@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from power_estimator.live.budget import LiveBudget
 from power_estimator.live.estimator import Estimate, Status
-from power_estimator.live.score import LiveBudget
 
 TICK = 20_000_000  # ns
 

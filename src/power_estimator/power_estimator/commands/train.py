@@ -12,6 +12,7 @@ from power_estimator import recordings
 from power_estimator.drive_types import infer_types, parse_types
 from power_estimator.evaluation import figure
 from power_estimator.evaluation.benchmark import print_scores, table
+from power_estimator.evaluation.traces import traces
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import NetworkConfig
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
             tests.append(validation.test(checkpoint, judge))
         result = table(tests)
         title = f'held-out data, {len(tests)} fold{"s" if len(tests) > 1 else ""}'
-        shown = figure.traces(judge, tests[0])
+        shown = traces(judge, tests[0])
         figure.draw_traces(folder.path / TRACES, shown, dark=options.dark)
         figure.draw_bars(folder.path / BARS, result, title=title, dark=options.dark)
         folder.save_json(TABLE, result)

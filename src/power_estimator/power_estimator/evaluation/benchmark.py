@@ -16,7 +16,7 @@ from wattwalk_core.console import output, print_table
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import infer_types
-from power_estimator.evaluation.figure import Traces, traces
+from power_estimator.evaluation.traces import Traces, traces
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
 from power_estimator.judge.result import JudgedModel

@@ -1,20 +1,16 @@
 """Figures of measured and estimated power, after Figures 3 and 4 of the paper."""
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import BLUE, OTHERS, save_figure, style
 
-from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_estimator.judge.judge import Judge
-from power_estimator.judge.result import JudgedModel, SupplyScore
+from power_estimator.evaluation.traces import Traces
 
 LABELS = {
     'ppn': 'PPN',
@@ -25,59 +21,6 @@ LABELS = {
     'acceleration_squared': 'acceleration²',
     'plain': 'shaft + copper\nloss + idle',
 }
-
-
-SHOWN = ('torque_squared', 'mechanical_power', 'acceleration_squared')
-LONGEST = 4.0  # s
-
-
-@dataclass(frozen=True)
-class Traces:
-    """Held-out traces at 50 Hz: of a drive, and of the whole robot where it was measured."""
-
-    time: Floats  # s [N]
-    drive: str
-    measured: Floats  # W [N]
-    estimated: Floats  # W [N]
-    r2: float  # of the drive, over all held-out data
-    proxies: Mapping[str, Floats] = field(default_factory=dict)  # W [N], by name
-    supply: SupplyScore | None = None  # score over all held-out data, traces [N]
-
-
-def traces(judge: Judge, judged: Sequence[JudgedModel]) -> Traces:
-    """Return at most 4 s of the drive whose power varies most; judged[0] is the network shown.
-
-    They are of the longest stretch or, among stretches of about the same length, of the one in
-    which that drive varies most.
-    """
-    model, supply = judged[0], judged[0].supply
-    measured = np.where(model.rows, model.measured, np.nan)
-    column = int(np.argmax(np.nan_to_num(np.nanstd(measured, axis=0))))
-    rows = _stretch(judge.prepared.reducer.stretches(), measured[:, column])
-    drive = judge.prepared.names[column]
-    if supply is not None:
-        supply = replace(supply, measured=supply.measured[rows], estimated=supply.estimated[rows])
-    return Traces(
-        judge.prepared.time[rows],
-        drive,
-        measured[rows, column],
-        model.estimated[rows, column],
-        model.drives[drive].r2,
-        {one.name: one.estimated[rows, column] for one in judged if one.name in SHOWN},
-        supply,
-    )
-
-
-def _stretch(gap_free: Sequence[slice], power: Floats) -> slice:
-    runs = []
-    for within in gap_free:
-        known = np.r_[False, np.isfinite(power[within]), False]
-        edges = within.start + np.flatnonzero(np.diff(known))
-        runs += [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
-    longest = max(run.stop - run.start for run in runs)
-    long = [run for run in runs if run.stop - run.start >= 0.9 * longest]
-    best = max(long, key=lambda run: float(np.std(power[run])))
-    return slice(best.start, min(best.stop, best.start + round(LONGEST * REDUCED_RATE)))
 
 
 def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:

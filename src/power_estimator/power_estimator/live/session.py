@@ -9,9 +9,10 @@ import numpy as np
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
+from power_estimator.live.budget import LiveBudget
 from power_estimator.live.change_watch import ChangeWatch, ReferenceNoise, Shift, WatchConfig
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator, Status
-from power_estimator.live.score import LiveBudget, LiveScore
+from power_estimator.live.score import LiveScore
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 
