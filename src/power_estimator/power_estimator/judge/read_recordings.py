@@ -83,11 +83,17 @@ def read_here(paths: Sequence[Path], judged: JudgedDrives) -> Read:
     return data, [CheckedRecording.of(recording, judged) for recording in recordings]
 
 
-_Part = tuple[CheckedRecording, float, AlignedDataset | InputError]
-"""A recording as a task read it, the period of its joint states in s, and its aligned signals.
+@dataclass(frozen=True)
+class _Part:
+    """A recording as a task read it; data: or why it cannot be aligned so."""
 
-In place of these why it cannot be aligned so.
-"""
+    checked: CheckedRecording
+    period: float  # s
+    data: AlignedDataset | InputError
+
+    @property
+    def recording(self) -> Recording:
+        return self.checked.recording
 
 
 @dataclass(frozen=True)
@@ -116,28 +122,28 @@ def read_on_workers(
     """
     tasks = [_ReadTask(path.resolve(), judged) for path in paths]
     parts = _run(engine, tasks, show)
-    long = sum(one.recording.duration for one, _, _ in parts) >= _LONG
-    rate = _coarsest(min(period for _, period, _ in parts)) if long else RATE
+    long = sum(part.recording.duration for part in parts) >= _LONG
+    rate = _coarsest(min(part.period for part in parts)) if long else RATE
     joints = _common(
-        [(path, one.recording.joints) for path, (one, _, _) in zip(paths, parts, strict=True)]
+        [(path, part.recording.joints) for path, part in zip(paths, parts, strict=True)]
     )
     other = [
         place
-        for place, (one, period, _) in enumerate(parts)
-        if (_coarsest(period), one.recording.joints) != (rate, joints)
+        for place, part in enumerate(parts)
+        if (_coarsest(part.period), part.recording.joints) != (rate, joints)
     ]
     again = [replace(tasks[place], rate=rate, joints=joints) for place in other]
     for place, part in zip(other, _run(engine, again, show), strict=True):
         parts[place] = part
     aligned, checked = [], []
-    for path, (one, _, data) in zip(paths, parts, strict=True):
-        for problem in one.recording.problems:
+    for path, part in zip(paths, parts, strict=True):
+        for problem in part.recording.problems:
             print(printable(f'note: {path}: {problem}', 500), file=sys.stderr)
-        if isinstance(data, InputError):
-            raise data
-        notes = tuple(note.replace(str(path.resolve()), str(path), 1) for note in data.notes)
-        aligned.append(replace(data, recordings=(str(path),), notes=notes))
-        checked.append(replace(one, recording=replace(one.recording, path=path)))
+        if isinstance(part.data, InputError):
+            raise part.data
+        notes = tuple(note.replace(str(path.resolve()), str(path), 1) for note in part.data.notes)
+        aligned.append(replace(part.data, recordings=(str(path),), notes=notes))
+        checked.append(replace(part.checked, recording=replace(part.recording, path=path)))
     return merge(aligned), checked
 
 
@@ -160,7 +166,7 @@ def _read(task: _ReadTask) -> _Part:
         data = align(recording, rate=rate, smooth=False, drives=joints, need_power=False)
     except InputError as error:
         data = error
-    return CheckedRecording.of(recording, task.judged), period, data
+    return _Part(CheckedRecording.of(recording, task.judged), period, data)
 
 
 def _period(recording: Recording) -> float:
