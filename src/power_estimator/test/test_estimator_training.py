@@ -7,7 +7,7 @@ from power_estimator.evaluation.benchmark import table
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.network.checkpoint import NetworkConfig, TrainingRecording
-from power_estimator.network.features import features
+from power_estimator.network.features import Scaling, features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES
 from power_estimator.scores import r2
@@ -173,6 +173,23 @@ def test_a_run_is_not_overwritten_and_resumes_only_as_it_was_started(tmp_path):
         folder.open({'hidden': 100}, [other], resume=True)
     with pytest.raises(InputError, match='is no run to resume'):
         NetworkRunFolder(tmp_path / 'none').open({}, [], resume=True)
+
+
+def test_of_two_runs_begun_at_once_in_a_folder_the_later_is_refused(tmp_path, monkeypatch):
+    folder = NetworkRunFolder(tmp_path / 'run')
+    folder.open({'hidden': 100}, [], resume=False)
+    monkeypatch.setattr(type(tmp_path), 'exists', lambda path: False)  # as it was when it looked
+    with pytest.raises(InputError, match='run cannot be made: File exists'):
+        folder.open({'hidden': 64}, [], resume=False)
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'problem'),
+    [((0.0, np.nan, 0.0), 'not eight finite numbers'), ((1.0, 0.0, 1.0), 'is not positive')],
+)
+def test_a_scaling_that_nothing_can_be_learned_with_is_refused(numbers, problem):
+    with pytest.raises(InputError, match=problem):
+        Scaling((0.0, 0.0, 0.0), numbers, 40.0, 50.0)
 
 
 def test_training_stops_early_when_validation_no_longer_improves(drives):

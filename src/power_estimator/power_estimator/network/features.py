@@ -24,6 +24,13 @@ class Scaling:
     power_mean: float  # W
     power_scale: float  # W
 
+    def __post_init__(self) -> None:
+        numbers = (*self.mean, *self.scale, self.power_mean, self.power_scale)
+        if len(numbers) != 2 * len(FEATURES) + 2 or not np.isfinite(numbers).all():
+            raise InputError(f'scaling {numbers} is not eight finite numbers')
+        if min(*self.scale, self.power_scale) <= 0:
+            raise InputError(f'scaling {numbers} has a scale that is not positive')
+
     @classmethod
     def of(cls, values: Singles, power: Singles, mirror: bool = False) -> 'Scaling':
         """Return the scaling of features [N, 3] and power [N], no NaN; InputError for constants.

@@ -51,7 +51,7 @@ class NetworkRunFolder:
             raise InputError(f'{self.path} exists already: give --resume or another folder')
         try:
             for folder in (self._state, self._folds):
-                folder.mkdir(parents=True, exist_ok=True)
+                folder.mkdir(parents=True, exist_ok=resume)
         except OSError as error:
             raise InputError(f'{self.path} cannot be made: {error.strerror}') from None
         if not resume:
