@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -170,6 +171,15 @@ def test_replay_writes_a_bag_of_estimates_that_plays_beside_the_original(trained
     assert found.total[10] == pytest.approx(found.power[10].sum(), rel=1e-4)
     assert set(found.status[:4]) == {1}
     assert replay_command([str(bag), '--model', f'ppn:{trained}', '-o', str(output)]) == 2
+
+
+def test_replay_of_a_recording_with_a_damaged_card_writes_no_bag(trained, bag, tmp_path, capsys):
+    damaged, output = tmp_path / 'damaged', tmp_path / 'estimate'
+    shutil.copytree(bag, damaged)
+    (damaged / 'card.yaml').write_text('robot: [')
+    refused(replay_command, damaged, '--model', f'ppn:{trained}', '-o', output)
+    assert 'card.yaml' in capsys.readouterr().err
+    assert not output.exists()
 
 
 def refused(main, *args):
