@@ -3,12 +3,11 @@
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
-from power_recordings.alignment.align import join
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
@@ -100,14 +99,7 @@ class WindowStream:
     def _with_past(self, block: AlignedDataset) -> AlignedDataset:
         before = self._window
         if before is not None and before.segment[-1] == block.segment[0]:
-            both = join([before.rows(slice(-self._rows, None)), block])
-            block = replace(
-                both,
-                segment=np.full_like(both.segment, block.segment[0]),
-                recording=np.full_like(both.recording, block.recording[0]),
-                recordings=block.recordings,
-                notes=block.notes,
-            )
+            block = _joined(before.rows(slice(-self._rows, None)), block)
         self._window = block
         return block
 
@@ -160,6 +152,20 @@ def stream_of(
     if isinstance(model, EffectModel):
         return EffectStream(model, drives, rate)
     return WindowStream(model, model.needs, rate)
+
+
+def _joined(before: AlignedDataset, block: AlignedDataset) -> AlignedDataset:
+    """A block behind the samples before it, of the same segment and recording."""
+    arrays: dict[str, Any] = {
+        f.name: np.concatenate([getattr(before, f.name), getattr(block, f.name)])
+        for f in fields(block)
+        if isinstance(getattr(block, f.name), np.ndarray)
+    }
+    extras = {
+        name: np.concatenate([before.extras[name], values])
+        for name, values in block.extras.items()
+    }
+    return replace(block, **arrays, extras=extras)
 
 
 _AHEAD: Final = 1.25e6  # ns, half the time between joint states at 400 Hz
@@ -292,6 +298,7 @@ class LiveEstimator:
         needed = [name for name in _SIGNALS if name in inputs]
         self._needed = len(needed)
         self._signals = (*needed, *(set(needs.improved_by) - inputs))
+        self._rows = [_SIGNALS.index(name) for name in self._signals]
         self._stream = stream_of(model, drives, needs.rate)
         self._sampler = CausalSampler(needs.rate)
         self._waiting: deque[tuple[int, Floats]] = deque(maxlen=1000)
@@ -324,9 +331,8 @@ class LiveEstimator:
         if self._targets and self._command is None:
             return None
         target = self._unknown if self._command is None else self._command[1]
-        given = (position, velocity, torque, target, *self._supply)
-        known = dict(zip(_SIGNALS, given, strict=True))
-        signals = np.array([known[name] for name in self._signals])
+        known = (position, velocity, torque, target, *self._supply)
+        signals = np.array([known[row] for row in self._rows])
         if not np.isfinite(signals[: self._needed]).all():
             self.refused += 1
             return None
