@@ -274,7 +274,9 @@ class ChangeWatch:
             figures |= {'drive': last.drive, 'effect': ' or '.join(last.like)}
             figures['difference'] = f'{last.watts:+.2f} W'
             return False, last.sentence, figures
-        return True, 'as the reference' if self._detector else 'learning the reference', figures
+        if self._detector is None:
+            return True, 'learning the reference', figures
+        return True, 'as the reference', figures
 
     @property
     def _needed(self) -> int:

@@ -55,8 +55,8 @@ class PowerEstimator(Node):
         wanted = WatchConfig(rate, minutes) if watch else None
         self._kept = Path(kept) if watch and kept else None
         known = None
-        if self._kept is not None:
-            known = WatchReference.load(self._kept, model.name, WatchConfig.block)
+        if self._kept is not None and wanted is not None:
+            known = WatchReference.load(self._kept, model.name, wanted.block)
         self._learned = known is not None
         self._session = LiveSession(
             model,

@@ -48,9 +48,9 @@ class SecondMeans:
         """Yield each complete second's arguments for `ChangeWatch.second`, once."""
         for index in sorted(i for i in self._sums if i < self._passed):
             sums = self._sums.pop(index)
-            (power, samples), (motion, states), (estimate, estimates) = (
-                sums.get(kind, _NOTHING) for kind in self._newest
-            )
+            power, samples = sums.get('measured', _NOTHING)
+            motion, states = sums.get('moved', _NOTHING)
+            estimate, estimates = sums.get('estimated', _NOTHING)
             enough = estimates >= _LEAST_ESTIMATES * self._rate and states
             if samples >= _LEAST_SAMPLES and enough:
                 mean = estimate / estimates
@@ -169,7 +169,9 @@ class LiveSession:
         self._hear('joint_commands', arrival)
         if self._live is None:
             self._first_command = command
-        elif (found := self._of_drives(command)) is None:
+            return
+        found = self._of_drives(command)
+        if found is None:
             self._unknown += 1
         else:
             self._live.command(command.stamp, found[0])
@@ -199,7 +201,8 @@ class LiveSession:
         if 'drive_supply' not in self.topics:
             return
         self._hear('drive_supply', arrival)
-        if self._live is not None and (found := self._of_drives(supply)) is not None:
+        found = self._of_drives(supply)
+        if self._live is not None and found is not None:
             self._live.supply(*found)
 
     def supply(self, measured: Vector) -> None:
@@ -321,9 +324,10 @@ class LiveSession:
         if self._watch_config is not None:
             self.watch = ChangeWatch(drives, self._watch_config, self._reference)
             self._seconds = SecondMeans(1 / self._config.period)
-        found = None if command is None else self._of_drives(command)
-        if command is not None and found is not None:
-            self._live.command(command.stamp, found[0])
+        if command is not None:
+            found = self._of_drives(command)
+            if found is not None:
+                self._live.command(command.stamp, found[0])
         return self._live
 
     def _say(self, estimate: Estimate) -> Estimate:
