@@ -267,10 +267,11 @@ class HeldOutEstimator:
         data, under = self.recordings.data, base_of(model)
         rescaled = isinstance(under, Proxy) and not under.factors
         base, how = self._base(model, rescaled), CROSS_VALIDATED if rescaled else ELSEWHERE
+        if base is not None and base.partly:
+            how = _OF_BASE
         if base is None:
             power = model.predict(data)
         else:
-            how = _OF_BASE if base.partly else how
             power = model.predict(data, base=np.nan_to_num(base.power))
             power = np.where(np.isfinite(base.power), power, np.float32(np.nan))
         return self._predicted(self._metered(power), model.name, power, how)

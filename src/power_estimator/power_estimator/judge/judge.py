@@ -107,7 +107,8 @@ class Judge:
     Measured and estimated power are compared at 50 Hz after the same zero-phase low-pass at
     12.5 Hz and decimation, on rows that were measured and that all models of a comparison know.
     All is held out: docs/explanation/judging.md says how for each kind of model, and which errors
-    of measurement stay with a recording.
+    of measurement stay with a recording. Operating points of steady recordings are independent
+    rows: as they are, without delay, and dealt out to the folds.
     """
 
     def __init__(
@@ -168,7 +169,10 @@ class Judge:
         power of the whole robot, too. InputError where no row is left.
         """
         shown = list(names) or [model.name for model in models]
-        found = [self._estimator.estimate(*one) for one in zip(models, shown, strict=True)]
+        found = [
+            self._estimator.estimate(model, name)
+            for model, name in zip(models, shown, strict=True)
+        ]
         common = self._rows.copy()
         for one in found:
             common &= np.isfinite(one.residual)
@@ -180,7 +184,8 @@ class Judge:
         kinds = tuple(types) or infer_types(self.prepared.names)
         found = [replace(one, residual=np.where(common, one.residual, np.nan)) for one in found]
         return tuple(
-            self._judged(*one, kinds, supply) for one in zip(models, shown, found, strict=True)
+            self._judged(model, name, one, kinds, supply)
+            for model, name, one in zip(models, shown, found, strict=True)
         )
 
     @cached_property
@@ -216,11 +221,15 @@ class Judge:
         kinds = {
             kind: [c for c in own if c in there] for kind, own in assign(names, types).items()
         }
+        of_model = model if isinstance(model, EffectModel) else None
         return JudgedModel(
-            **vars(found),
+            measured=measured,
+            residual=found.residual,
+            delays=found.delays,
+            how=found.how,
             name=name,
-            effects=model.effects if isinstance(model, EffectModel) else (),
-            at_bound=model.at_bound if isinstance(model, EffectModel) else (),
+            effects=of_model.effects if of_model else (),
+            at_bound=of_model.at_bound if of_model else (),
             drives={names[column]: scored([column]) for column in range(len(names))},
             types={kind: scored(own) for kind, own in kinds.items() if own},
             total=self._spread(*(v[:, there].sum(axis=1) for v in (measured, estimated))),
