@@ -154,7 +154,8 @@ def describe(path: Path) -> TrainingRecording:
     for file in files:
         try:
             with file.open('rb') as stream:
-                hashlib.file_digest(stream, lambda: digest)  # adds to that of the files before
+                while block := stream.read(1 << 20):
+                    digest.update(block)
         except OSError as error:
             raise InputError(f'{path}: cannot be read ({error.strerror})') from None
     folder = path if path.is_dir() else path.parent

@@ -99,8 +99,13 @@ def export(parser: ArgumentParser, args: Arguments) -> Namespace:
     add('model', metavar='RUN', help='run folder or file of a network; see distil for a small one')
     add('-o', '--output', type=Path, required=True, metavar='DIR', help='folder to write')
     add('--drives', nargs='+', default=(), metavar='NAME', help='columns of the TorchScript file')
-    rate = 'of the samples that the TorchScript file takes (200)'
-    add('--sample-rate', type=float, default=200.0, metavar='HZ', help=rate)
+    add(
+        '--sample-rate',
+        type=float,
+        default=200.0,
+        metavar='HZ',
+        help='of the samples that the TorchScript file takes (200)',
+    )
     options = parser.parse_args(args)
     if options.output.exists() and not options.output.is_dir():
         raise InputError(f'{options.output} is a file; give a folder')
@@ -121,6 +126,10 @@ def replay(parser: ArgumentParser, args: Arguments) -> Namespace:
     return parser.parse_args(args)
 
 
+HIDDEN = (8, 16, 32, 64, 100, 150)
+HISTORY = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
+
+
 @entry_point(
     'power_estimator.commands.sweep:run',
     'Train networks of several sizes (with carried state) and, at 100 units, of '
@@ -134,9 +143,8 @@ def sweep(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_workplace(parser, 'networks')
     add_cross_validation(parser, folds=1)
     add = parser.add_argument
-    units, seconds = (8, 16, 32, 64, 100, 150), (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
-    add('--hidden', nargs='+', type=int, default=units, metavar='N', help='hidden units')
-    add('--history', nargs='+', type=float, default=seconds, metavar='S', help='seconds')
+    add('--hidden', nargs='+', type=int, default=HIDDEN, metavar='N', help='hidden units')
+    add('--history', nargs='+', type=float, default=HISTORY, metavar='S', help='seconds')
     return parser.parse_args(args)
 
 

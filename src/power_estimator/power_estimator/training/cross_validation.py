@@ -271,7 +271,8 @@ class CrossValidation:
         return np.where(used, self.data.segment, -1)
 
     def _stretches(self, job: Job, part: Part, shortest: int) -> list[tuple[Singles, Singles]]:
-        labels, found = self.labels(job), []
+        labels = self.labels(job)
+        found = []
         for column in self._columns[job.type.name]:
             usable = self._measured[:, column] & np.isfinite(self._targets[:, column])
             there = np.where(usable, labels, Part.UNUSED)

@@ -50,9 +50,10 @@ class SweepPoint:
 
     def network(self) -> NetworkConfig:
         """Return the shape of the network; InputError for units or a history out of range."""
-        history = CHOSEN.history if self.history is None else self.history
-        warm_up = min(CHOSEN.warm_up, history // 2)
-        return replace(CHOSEN, hidden=self.hidden, history=history, warm_up=warm_up)
+        if self.history is None:
+            return replace(CHOSEN, hidden=self.hidden)
+        warm_up = min(CHOSEN.warm_up, self.history // 2)
+        return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
 
     def training(self, base: TrainerConfig) -> TrainerConfig:
         """Return the settings of the training, for carried state or windows of the history.
