@@ -126,6 +126,12 @@ def test_seeds_of_the_two_sets_differ():
     assert len(np.unique(seeds)) == 6
 
 
+@pytest.mark.parametrize('which', ['papers', 'ageing'])
+def test_an_unknown_set_is_refused_from_python_too(which):
+    with pytest.raises(InputError, match=f"set '{which}' is not one of paper, robustness"):
+        plans(which)
+
+
 def test_two_controllers_of_one_name_are_refused_before_they_walk():
     with pytest.raises(
         InputError, match='two of a/trot, b/trot are called the same; rename a folder'

@@ -46,7 +46,7 @@ def plans(
 
     controllers: policies by name or folder; with several, the set `paper` is recorded once with
     each. fastest: limits of its random velocity commands: m/s forwards, m/s sideways, rad/s; those
-    of `CommandRange` if None.
+    of `CommandRange` if None. InputError for another set.
     """
     if which == 'robustness':
         return (
@@ -54,6 +54,8 @@ def plans(
             RecordingPlan('trot_high', seed + 11, JOINT_NAMES, 'trot_high'),
             RecordingPlan('unit', seed + 12, JOINT_NAMES, unit=2),
         )
+    if which != 'paper':
+        raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
     return tuple(
         RecordingPlan(
             kind if len(controllers) == 1 else f'{kind}_{name}',
@@ -85,7 +87,8 @@ def record(
     if fastest is not None:  # older recordings do not have it
         content['fastest'] = list(fastest)
     wanted = {'plan': content, 'seconds': seconds, 'plant': plant}
-    if (bag / FILE).exists() and 'plan' in (found := Card.load(bag).other):
+    found = Card.load(bag).other if (bag / FILE).exists() else {}
+    if 'plan' in found:
         for key, value in wanted.items():
             if found.get(key) != value:
                 raise InputError(
