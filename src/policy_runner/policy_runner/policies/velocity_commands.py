@@ -9,6 +9,8 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import CheckedFields, Quantity
 
+_KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
+
 
 @dataclass(frozen=True)
 class CommandRange(CheckedFields):
@@ -106,13 +108,19 @@ class RandomCommands:
     def _draw(self) -> Floats:
         span, random = self._span, self._random
         weights = np.asarray(span.weights) / sum(span.weights)
-        kind = int(random.choice(len(weights), p=weights))
+        kind = _KINDS[int(random.choice(len(_KINDS), p=weights))]
         along = random.uniform(-span.backward, span.forward)
         across = random.uniform(-span.lateral, span.lateral)
         turn = random.uniform(-span.yaw, span.yaw)
-        mixed = along, span.mixed[0] * across, span.mixed[1] * turn
-        alone = (0.0, 0.0, 0.0), (along, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, turn)
-        return np.array((*alone, mixed)[kind])
+        return np.array(
+            {
+                'stand': (0.0, 0.0, 0.0),
+                'forward': (along, 0.0, 0.0),
+                'lateral': (0.0, across, 0.0),
+                'turn': (0.0, 0.0, turn),
+                'mixed': (along, span.mixed[0] * across, span.mixed[1] * turn),
+            }[kind]
+        )
 
 
 COMMAND_RATE_LIMIT: Final = (1.0, 1.0, 2.0)
