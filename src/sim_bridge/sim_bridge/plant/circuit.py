@@ -43,9 +43,9 @@ class Circuit:
         self._p = p
         self._copper = effects.copper_loss.scale
         self._heating = p['temperature_coefficient'] * effects.winding_heating.scale
-        weakening = effects.field_weakening.scale
-        root = np.sqrt(weakening) if weakening else 1.0
-        self._scales = effects.inverter_loss.scale, bool(weakening)
+        self._weakening = effects.field_weakening.scale
+        root = np.sqrt(self._weakening) if self._weakening else 1.0
+        self._inverter = effects.inverter_loss.scale
         self._magnet = p['magnet_coefficient'] * effects.magnet_heating.scale
         dead = 2.0 * p['dead_time'] * effects.dead_time.scale
         self._nominal = plant.supply.voltage
@@ -98,9 +98,20 @@ class Circuit:
         level = (1.0 - _IDLE_CONSTANT_CURRENT) + _IDLE_CONSTANT_CURRENT * voltage / self._nominal
         flow = np.empty((9, *motor.shape))
         self._table[1] = self.constant()
-        motor, speed, drag = map(np.ascontiguousarray, (motor, speed, drag))
-        given = self._table, self.resistance(), motor, speed, drag, time, voltage, level
-        circuit_steps(*given, *self._scales, flow, self.temperature.heat)
+        circuit_steps(
+            self._table,
+            self.resistance(),
+            np.ascontiguousarray(motor),
+            np.ascontiguousarray(speed),
+            np.ascontiguousarray(drag),
+            time,
+            voltage,
+            level,
+            self._inverter,
+            bool(self._weakening),
+            flow,
+            self.temperature.heat,
+        )
         return Flow(*flow)
 
 
@@ -153,24 +164,34 @@ class Bus:
     """
 
     def __init__(self, plant: Plant, parameters: dict[str, Floats], step: float) -> None:
-        line, supply = plant.effects.line_resistance.scale, plant.supply
+        line = plant.effects.line_resistance.scale
+        supply = plant.supply
+        self._source = supply.voltage
         inside = supply.battery_resistance * plant.effects.battery.scale
+        self._resistance = max(supply.resistance * line + inside, _LEAST_RESISTANCE)
+        self._capacity = supply.capacitance / step
+        self._ceiling = supply.voltage + supply.chopper_rise
+        self._blocked = min(plant.effects.regeneration_limit.scale, 1.0)
+        self._in_drives = supply.brake_in_drives
         self._line: Floats = parameters['line_resistance'] * line
         self.voltage = supply.voltage
-        self._supply = (
-            supply.capacitance / step,
-            1.0 / max(supply.resistance * line + inside, _LEAST_RESISTANCE),
-            supply.voltage,
-            supply.voltage + supply.chopper_rise,
-            min(plant.effects.regeneration_limit.scale, 1.0),
-            supply.brake_in_drives,
-        )
 
     def solve(self, link: Floats) -> BusFlow:
         """Advance by B steps with power drawn by the drives' DC links, W [B, D]."""
         series, powers = np.empty((5, len(link))), np.empty((3, *link.shape))
-        drawn = np.ascontiguousarray(link)
-        self.voltage = bus_steps(drawn, self._line, self.voltage, *self._supply, series, powers)
+        self.voltage = bus_steps(
+            np.ascontiguousarray(link),
+            self._line,
+            self.voltage,
+            self._capacity,
+            1.0 / self._resistance,
+            self._source,
+            self._ceiling,
+            self._blocked,
+            self._in_drives,
+            series,
+            powers,
+        )
         return BusFlow(*series, *powers)
 
 
@@ -181,7 +202,8 @@ class Electronics:
         supply = plant.supply
         self._mean, self._width = supply.electronics, supply.electronics_variation
         self._keep = float(np.exp(-step / supply.electronics_time))
-        self._random, self._away = random, 0.0
+        self._random = random
+        self._away = 0.0
 
     def draw(self, count: int) -> Floats:
         """Return the power at the next `count` steps (of the constructor's `step`), W [count]."""

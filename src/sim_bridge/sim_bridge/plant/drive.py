@@ -109,7 +109,8 @@ class Drives:
         self._pending: deque[tuple[int, Floats]] = deque()
         self._held = np.zeros((5, len(names)))
         self._ceiling, self._floor = self._held[3:]
-        self.rotor, self.rotor_velocity = np.zeros(len(names)), np.zeros(len(names))
+        self.rotor = np.zeros(len(names))
+        self.rotor_velocity = np.zeros(len(names))
         self._held[1] = VELOCITY_GAIN
         self.set_voltage(plant.supply.voltage)
 
@@ -127,20 +128,25 @@ class Drives:
 
     def hold(self, command: JointCommand) -> None:
         """Hold a command once the plant's delay has passed; NaN in it damps that drive."""
-        kp, kd = self.gains
-        if command.position is None:
-            kp = 0.0
-            if command.velocity is not None:
-                kd = SPEED_MODE_GAIN
-            elif command.effort is not None:
-                kd = 0.0
-        position, velocity, effort = (
-            np.zeros(len(self.names)) if values is None else values
-            for values in (command.position, command.velocity, command.effort)
+        count = len(self.names)
+        nothing = np.zeros(count)
+        velocity = nothing if command.velocity is None else command.velocity
+        effort = nothing if command.effort is None else command.effort
+        if command.position is not None:
+            (kp, kd), target = self.gains, command.position
+        elif command.velocity is not None:
+            kp, kd, target = 0.0, SPEED_MODE_GAIN, nothing
+        elif command.effort is not None:
+            kp, kd, target = 0.0, 0.0, nothing
+        else:
+            kp, kd, target = 0.0, self.gains[1], nothing
+        feed = kp * target + kd * velocity + effort
+        good = np.isfinite(feed)
+        held = (
+            np.where(good, kp, 0.0),
+            np.where(good, kd, self.gains[1]),
+            np.where(good, feed, 0.0),
         )
-        feed = kp * position + kd * velocity + effort
-        rows = (kp, 0.0), (kd, self.gains[1]), (feed, 0.0)
-        held = [np.where(np.isfinite(feed), good, damped) for good, damped in rows]
         self._pending.append((self._count + self._late, np.array(held)))
 
     def set_voltage(self, voltage: float) -> None:
@@ -155,9 +161,22 @@ class Drives:
         """
         while self._pending and self._pending[0][0] <= self._count:
             self._held[:3] = self._pending.popleft()[1]
-        tables, loops = (self.friction, self._table, self._held), (self._loop, self._delayed)
-        turning = position, velocity, self.rotor, self.rotor_velocity
-        drive_step(*tables, *turning, row, self._signals, self._step, out, *loops, self._count)
+        drive_step(
+            self.friction,
+            self._table,
+            self._held,
+            position,
+            velocity,
+            self.rotor,
+            self.rotor_velocity,
+            row,
+            self._signals,
+            self._step,
+            out,
+            self._loop,
+            self._delayed,
+            self._count,
+        )
         self._count += 1
 
 

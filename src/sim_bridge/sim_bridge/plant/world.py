@@ -67,8 +67,9 @@ class Stand(CheckedFields):
             raise InputError(f'stand inertia is {self.inertia!r}; give at least 1e-4 kg·m²')
 
 
-def stand_world(joint: str, load: Stand = Stand()) -> World:
+def stand_world(joint: str, stand: Stand | None = None) -> World:
     """Return one drive on a stand, hanging at 0 rad; positive angles swing it to the front."""
+    load = Stand() if stand is None else stand
     spec = mujoco.MjSpec()
     spec.modelname = 'stand'
     spec.option.timestep = TIMESTEP
