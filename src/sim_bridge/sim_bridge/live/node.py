@@ -140,12 +140,22 @@ class SimNode(Node):
     def _hand_on(self, samples: InstrumentReadings) -> None:
         """Publish a block of samples and take the command that came during it."""
         self._publisher.publish(samples)
-        message = self._commands.newest()
-        if message is None:
-            return
-        given = message.name, message.position, message.velocity, message.effort
+        command = self._commands.newest()
+        if command is not None:
+            self._command(command)
+
+    def _command(self, message: JointState) -> None:
         try:
-            self.plant.command(joint_command(self._joints, *given, self._absent))
+            self.plant.command(
+                joint_command(
+                    self._joints,
+                    message.name,
+                    message.position,
+                    message.velocity,
+                    message.effort,
+                    self._absent,
+                )
+            )
         except ValueError as error:
             self._faults.warning(f'joint_commands ignored: {error}')
 

@@ -29,7 +29,8 @@ class FrameEncoder:
 
     def __init__(self, bus: BusDescription, joints: Sequence[str], clock: DeviceClock) -> None:
         """Make an encoder; InputError for a joint that the bus lacks."""
-        self._bus, self._clock = bus, clock
+        self._bus = bus
+        self._clock = clock
         self._columns = BusColumns(bus, joints)
         self._counts = {name: count() for name in ('electrical', 'joints', 'temperature')}
 
@@ -49,7 +50,7 @@ class FrameEncoder:
                 if group == 'electrical':
                     timed.append((step, self._bus.encode_sync(number, us)))
                 timed.append((step, self._bus.encode(group, number, us, *row)))
-        timed.sort(key=itemgetter(0))
+        timed.sort(key=itemgetter(0))  # stable: groups of one step keep their order
         return [message for _, messages in timed for message in messages]
 
 
@@ -126,7 +127,8 @@ class LivePlant:
     ) -> None:
         """Make a plant; send, publish: receive each block; now, sleep: a steady clock, in s."""
         self.simulation = simulation
-        self._instruments, self._encoder = instruments, encoder
+        self._instruments = instruments
+        self._encoder = encoder
         self._send, self._publish = send, publish
         self._now, self._sleep = now, sleep
         self._tasks: list[Callable[[], None]] = []
@@ -198,8 +200,7 @@ class LivePlant:
             self._tasks.pop(0)()
         self._hold()
         samples = self._instruments.read(self.simulation.advance(steps))
-        before, self.down = self.down, self.simulation.fallen
-        self.falls += bool(self.down) and before is None
+        self._watch()
         return samples, self._encoder.encode(samples)
 
     def _hold(self) -> None:
@@ -210,6 +211,12 @@ class LivePlant:
         if wanted is not self._held:
             self.simulation.hold(wanted)
             self._held = wanted
+
+    def _watch(self) -> None:
+        reason = self.simulation.fallen
+        if reason and self.down is None:
+            self.falls += 1
+        self.down = reason
 
     def _reset(self) -> None:
         self.simulation.reset()
