@@ -46,7 +46,8 @@ class Analyser:
 
     def __init__(self, parameters: AnalyserParameters, clock: DeviceClock, seed: int = 0) -> None:
         """Make an analyser; clock: times the plant's steps; seed: of noise and ripple."""
-        self._given, self._clock = parameters, clock
+        self._given = parameters
+        self._clock = clock
         self._random = np.random.default_rng([seed, 0xA7A1])
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 

@@ -28,12 +28,18 @@ _ERRORS = {
     -222: 'Data out of range',
     -350: 'Queue overflow',
 }
-_LONG = (
-    *('MEASURE', 'VOLTAGE', 'CURRENT', 'POWER', 'ARRAY', 'SYSTEM', 'NOMINAL', 'ERROR', 'OWNER'),
-    'OUTPUT',
-)
-_SHORT = {word: word[: 3 if word[3] in 'AEIOU' else 4] for word in _LONG}
-"""Short forms by SCPI's rule: four letters, or three where the fourth is a vowel."""
+_SHORT = {
+    'MEASURE': 'MEAS',
+    'VOLTAGE': 'VOLT',
+    'CURRENT': 'CURR',
+    'POWER': 'POW',
+    'ARRAY': 'ARR',
+    'SYSTEM': 'SYST',
+    'NOMINAL': 'NOM',
+    'ERROR': 'ERR',
+    'OWNER': 'OWN',
+    'OUTPUT': 'OUTP',
+}
 
 Sent = Sequence[tuple[float, bytes]]
 

@@ -22,10 +22,10 @@ class SupplyInstrumentNode(Node):
         given = DeviceParameters(self)
         host = given.text('host', '127.0.0.1', 'address to listen on')
         port = given.whole('port', 5025, 'TCP port to listen on; 0: a free one', 0, 65535)
-        text, volts, amps = 'while no topic is heard', scpi.RATED_VOLTAGE, scpi.RATED_CURRENT
+        most = scpi.RATED_CURRENT
         self._constant = scpi.Terminals(
-            given.real('voltage', 48.0, f'V, {text}', 0.0, volts),
-            given.real('current', 0.0, f'A, {text}', -amps, amps),
+            given.real('voltage', 48.0, 'V, while no topic is heard', 0.0, scpi.RATED_VOLTAGE),
+            given.real('current', 0.0, 'A, while no topic is heard', -most, most),
         )
         self._heard: tuple[float, scpi.Terminals] | None = None
         state = scpi.SupplyState(self.terminals)

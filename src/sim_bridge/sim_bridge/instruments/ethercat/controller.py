@@ -20,10 +20,23 @@ _FULL: Final = 0x08
 _READS_8_BYTES: Final = 0x40
 
 
-DatagramCommand = IntEnum(
-    'DatagramCommand', 'APRD APWR APRW FPRD FPWR FPRW BRD BWR BRW LRD LWR LRW'
-)
-"""Commands of EtherCAT datagrams, numbered from 1."""
+class DatagramCommand(IntEnum):
+    """Commands of EtherCAT datagrams."""
+
+    NOP = 0
+    APRD = 1
+    APWR = 2
+    APRW = 3
+    FPRD = 4
+    FPWR = 5
+    FPRW = 6
+    BRD = 7
+    BWR = 8
+    BRW = 9
+    LRD = 10
+    LWR = 11
+    LRW = 12
+
 
 _POSITION = (DatagramCommand.APRD, DatagramCommand.APWR, DatagramCommand.APRW)
 _BROADCAST = (DatagramCommand.BRD, DatagramCommand.BWR, DatagramCommand.BRW)
@@ -67,6 +80,7 @@ class SlaveController:
         self._set(_DL_STATUS, 0x5A00 | 0x0030)
         self._set(_EEPROM, _READS_8_BYTES)
         self._set(_AL_STATUS, SlaveState.INIT)
+        self._set(_AL_CODE, 0)
 
     @property
     def state(self) -> int:
@@ -91,15 +105,19 @@ class SlaveController:
         """
         if command in (DatagramCommand.LRD, DatagramCommand.LWR, DatagramCommand.LRW):
             return address, self._logical(command, address | offset << 16, data)
-        after, mine, done = address, address == self._get(_STATION), False
         if command in _POSITION or command in _BROADCAST:
             after = (address + 1) & 0xFFFF
             mine = command in _BROADCAST or address == 0
-        if mine and command in _READS:
-            done = self._read(offset, data, command in _BROADCAST)
-        elif mine and command in _WRITES:
-            done = self._write(offset, bytes(data))
-        return after, int(done)
+        else:
+            after = address
+            mine = address == self._get(_STATION)
+        if not mine:
+            return after, 0
+        if command in _READS:
+            return after, int(self._read(offset, data, command in _BROADCAST))
+        if command in _WRITES:
+            return after, int(self._write(offset, bytes(data)))
+        return after, 0
 
     def _get(self, address: int, size: int = 2) -> int:
         return int.from_bytes(self.memory[address : address + size], 'little')
@@ -156,7 +174,8 @@ class SlaveController:
         command = self._get(_EEPROM)
         at = 2 * self._get(_EEPROM + 2)
         if command & 0x0700 == 0x0100:
-            self.memory[_EEPROM_DATA : _EEPROM_DATA + 8] = self._sii[at : at + 8].ljust(8, b'\xff')
+            found = self._sii[at : at + 8].ljust(8, b'\xff')
+            self.memory[_EEPROM_DATA : _EEPROM_DATA + 8] = found
         self._set(_EEPROM, _READS_8_BYTES)
 
     def _change_state(self, control: int) -> None:
