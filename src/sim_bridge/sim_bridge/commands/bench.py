@@ -29,7 +29,9 @@ def run(options: argparse.Namespace) -> None:
     if options.analyser is not None:
         check_output(options.analyser)
         given = AnalyserParameters(
-            options.analyser_rate, options.analyser_offset, options.analyser_drift
+            rate=options.analyser_rate,
+            clock_offset=options.analyser_offset,
+            clock_drift=options.analyser_drift,
         )
         analyser = Analyser(given, DeviceClock.of(plant.meter), seed=options.seed)
     watch = None if analyser is None else analyser.watch

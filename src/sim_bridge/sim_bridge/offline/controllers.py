@@ -49,7 +49,8 @@ class PolicyWalk:
         self.name = name
         self.period = round(1.0 / policy.rate / STEP)
         self.velocity: Floats | None = np.zeros(3)
-        self._commands, self._policy = commands, policy
+        self._commands = commands
+        self._policy = policy
         self._inputs = Inputs()
         policy.take_over()
 
@@ -98,8 +99,13 @@ class SensedWalk(PolicyWalk):
         inputs = self._inputs
         inputs.position, inputs.velocity = joints.position[row], joints.velocity[row]
         inputs.effort = joints.torque[row]
-        attitude, rate, felt = body.orientation[row], body.rate[row], body.acceleration[row]
-        inputs.on_imu(int(body.step[row]), attitude, rate, 0.0, felt)
+        inputs.on_imu(
+            int(body.step[row]),
+            body.orientation[row],
+            body.rate[row],
+            0.0,
+            body.acceleration[row],
+        )
         self._fresh = True
 
     def command(self, simulation: Simulation) -> JointCommand:

@@ -9,7 +9,7 @@ from pathlib import Path
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
-from sim_bridge.offline.run import WalkOptions, walking_run, write_bag
+from sim_bridge.offline.run import walking_run, write_bag
 from sim_bridge.plant.ageing import AgeingPlan
 from sim_bridge.plant.parameters import Plant
 
@@ -43,13 +43,23 @@ def bag_names(plan: AgeingPlan, prefix: str = 'day') -> list[str]:
 
 def _record_day(plan: AgeingPlan, plant: Plant, bags: Sequence[Path], index: int) -> int:
     day = plan.days[index]
-    walk: WalkOptions = {'controller': day.controller, 'terrain': day.terrain}
-    walk |= {'drives': plan.drives, 'payload': day.payload}
-    seed = (plan.seed * 100_003 + index) % 2**31
-    run = walking_run(plan.aged(plant, day), duration=plan.seconds, seed=seed, **walk)
+    run = walking_run(
+        plan.aged(plant, day),
+        duration=plan.seconds,
+        seed=(plan.seed * 100_003 + index) % 2**31,
+        controller=day.controller,
+        terrain=day.terrain,
+        drives=plan.drives,
+        payload=day.payload,
+    )
     start = datetime.fromisoformat(plan.start).replace(hour=_NOON, tzinfo=UTC)
-    other = {'temperature': day.temperature, 'payload': day.payload}
-    card = run.card('anymal_c', terrain=day.terrain, notes='simulated', **other)
+    card = run.card(
+        'anymal_c',
+        terrain=day.terrain,
+        notes='simulated',
+        temperature=day.temperature,
+        payload=day.payload,
+    )
     created = (start + timedelta(days=day.day)).isoformat()
     # A worker that was lost may have begun it.
     write_bag(bags[index], run, replace(card, created=created), overwrite=True)

@@ -42,7 +42,8 @@ class BagTopics:
         """joints: of joint_states; measured, device: drives, frame of drive_supply."""
         self._bag = bag
         self._topics: dict[str, int] = {}
-        self._samples, self._seconds = 0, 0
+        self._samples = 0
+        self._seconds = 0
         self._counts = {'fall': 0, 'push': 0}
         of_joints = partial(cdr.joint_state_block, names=joints)
         self._encoders: dict[str, Callable[..., NDArray[np.uint8]]] = {
@@ -207,12 +208,21 @@ def walking_run(
         raise InputError(f'terrain is {terrain!r}; it is one of {", ".join(TERRAINS)}')
     ground = rough(max(seed, 0)) if terrain == 'rough' else FLAT
     world = walking_world(ground, options.get('payload', 0.0))
-    fastest, trust_code = options.get('fastest'), options.get('trust_code', False)
-    walker = options.get('controller', 'trot'), max(seed, 0), options.get('velocity')
-    controller = make_controller(*walker, fastest=fastest, trust_code=trust_code)
-    drives, pushes = options.get('drives'), options.get('pushes', False)
+    controller = make_controller(
+        options.get('controller', 'trot'),
+        max(seed, 0),
+        options.get('velocity'),
+        fastest=options.get('fastest'),
+        trust_code=options.get('trust_code', False),
+    )
     return OfflineRun(
-        plant, world, controller, duration=duration, seed=seed, drives=drives, pushes=pushes
+        plant,
+        world,
+        controller,
+        duration=duration,
+        seed=seed,
+        drives=options.get('drives'),
+        pushes=options.get('pushes', False),
     )
 
 

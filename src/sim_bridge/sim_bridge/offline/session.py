@@ -71,7 +71,9 @@ class SimulatedSession:
         """Make a session; watch: is called with every block before it is measured."""
         self.simulation = simulation
         self._watch = watch
-        self._instruments, self._controller, self._pushes = instruments, controller, pushes
+        self._instruments = instruments
+        self._controller = controller
+        self._pushes = pushes
         self._down = 0
         self._events: list[Event] = []
 
@@ -101,11 +103,11 @@ class SimulatedSession:
             for entry in fields(JointCommand)
         }
         return SessionPart(
-            self._instruments.read(block),
-            np.array(steps),
-            {name: rows for name, rows in stacked.items() if rows is not None},
-            _stack(velocities),
-            tuple(self._events),
+            samples=self._instruments.read(block),
+            step=np.array(steps),
+            commands={name: rows for name, rows in stacked.items() if rows is not None},
+            base_velocity=_stack(velocities),
+            events=tuple(self._events),
         )
 
     def _decide(self) -> JointCommand:

@@ -137,8 +137,10 @@ def gather(
     for stretch in stretches:
         for topic, rows in stretch.topics.items():
             found.setdefault(topic, []).append(rows)
-    names = tuple(joints), tuple(measured)
-    held = {topic: _samples(topic, _join(parts), *names) for topic, parts in found.items()}
+    held = {
+        topic: _samples(topic, _join(parts), tuple(joints), tuple(measured))
+        for topic, parts in found.items()
+    }
     return Recording.in_memory(name, held)
 
 
