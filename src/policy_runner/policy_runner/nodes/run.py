@@ -78,13 +78,19 @@ class PolicyRunner(Node):
         policy = load_policy(self._policy, trust_code=self._trust_code)
         asked = given.real('rate', policy.rate, 'Hz at which it is asked', 10.0, 400.0)
         self._rate = None if asked == policy.rate else asked
-        safety, text = SafetyConfig(), 's; older joint_states or imu: damping'
-        stale = given.real('stale_after', safety.stale_after, text, 0.01, 1.0)
+        safety = SafetyConfig()
+        stale = given.real(
+            'stale_after', safety.stale_after, 's; older joint_states or imu: damping', 0.01, 1.0
+        )
         tilt = given.real('tilt', safety.tilt, 'rad; more from level: damping', 0.1, 1.5)
-        safety = SafetyConfig(stale_after=stale, tilt=tilt)
         self._start_wanted = options.start
-        source, restart_after = options.source(), options.restart_after
-        self._supervisor = Supervisor(policy, safety, restart_after=restart_after, source=source)
+        source = options.source()
+        self._supervisor = Supervisor(
+            policy,
+            SafetyConfig(stale_after=stale, tilt=tilt),
+            restart_after=options.restart_after,
+            source=source,
+        )
         simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._told: tuple[State, str] | None = None

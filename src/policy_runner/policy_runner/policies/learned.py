@@ -69,7 +69,8 @@ class BaseVelocity:
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), _LONGEST_STEP)
         self._time = time
         gravity, rate, effort = inputs.gravity, inputs.spin, inputs.effort
-        legs, turning = forward(inputs.position), inputs.velocity.reshape(4, 3)
+        legs = forward(inputs.position)
+        turning = inputs.velocity.reshape(4, 3)
         down = FOOT_RADIUS * gravity
         soles = legs.feet + down
         swept = np.einsum('nij,nj->ni', legs.jacobian, turning)
@@ -79,10 +80,11 @@ class BaseVelocity:
         weight = np.exp2(-np.square((depth.max() - depth) / _RISE))
         if len(effort) and np.isfinite(effort).all():
             weight = _that_bear(weight, legs.jacobian, effort.reshape(4, 3), gravity)
-        guess, settling = self.velocity, _BLIND_SETTLING
-        if inputs.acceleration is not None:
-            guess = guess + dt * (inputs.acceleration + GRAVITY * gravity - np.cross(rate, guess))
-            settling = _SETTLING
+        acceleration = inputs.acceleration
+        guess = self.velocity
+        if acceleration is not None:
+            guess = guess + dt * (acceleration + GRAVITY * gravity - np.cross(rate, guess))
+        settling = _BLIND_SETTLING if acceleration is None else _SETTLING
         share = 1.0 - np.exp(-dt / settling)
         self.velocity = guess + share * (weight @ by_leg / weight.sum() - guess)
         return self.velocity
@@ -151,7 +153,8 @@ class LearnedPolicy:
         self._start: tuple[float, Floats] | None = None  # s, and the pose, rad [12]
         self._due = -np.inf
         self._acted: float | None = None
-        self._targets, self._action = np.zeros(12), np.zeros(12)
+        self._targets = np.zeros(12)
+        self._action = np.zeros(12)
         self._limiter = CommandRateLimiter(self.contract.observation.command_rate_limit)
         self._velocity = BaseVelocity()
         self._standing_up = True

@@ -123,7 +123,8 @@ class GaitCycle:
         self.phase = np.zeros(4)  # share of the stride since touchdown
         self.swinging = np.zeros(4, bool)
         self.load = np.ones(4)  # share of the weight that a foot may bear, 0..1
-        self._settled_time, self._duty = 0.0, 0.5
+        self._settled_time = 0.0
+        self._duty = 0.5
 
     @property
     def swing_progress(self) -> Floats:
@@ -206,7 +207,8 @@ class ScriptedTrot:
         self._places = self._rest.copy()
         self._lifted_at = self._rest.copy()
         self.planned = kinematics.inverse(self._rest)  # rad [4, 3], without the shift for torque
-        self._rates, self._feet = np.zeros((4, 3)), np.zeros((4, 3))
+        self._rates = np.zeros((4, 3))
+        self._feet = np.zeros((4, 3))
 
     def take_over(self) -> float:
         """Reset; return the s of the ramp from the present pose to standing."""
@@ -236,12 +238,19 @@ class ScriptedTrot:
         self._move_stance_feet(dt)
         self._move_swing_feet()
         self._plan_joints(dt)
-        error = np.array([0.0, 0.0, -spin[2]])
+        error = np.zeros(3)
         if self.walking:
-            error = self._command - np.append(self._velocity, spin[2])
-        gains, load, height = config.feedback, self._cycle.load, config.height
+            error[:2] = self._command[:2] - self._velocity
+            error[2] = self._command[2]
+        error[2] -= spin[2]
         torque = stance_torque(
-            gains, legs, load, height=height, gravity=gravity, spin=spin, velocity_error=error
+            config.feedback,
+            legs,
+            self._cycle.load,
+            height=config.height,
+            gravity=gravity,
+            spin=spin,
+            velocity_error=error,
         )
         torque += kinematics.leg_weight_torque(legs.angles, gravity)
         torque += config.damping * self._rates
@@ -275,15 +284,18 @@ class ScriptedTrot:
         )
 
     def _advance_gait(self, feet: Floats, dt: float) -> None:
-        config, ready = self.config, self._elapsed >= self.config.ramp
-        speed, tilt = float(np.hypot(*self._velocity)), float(np.hypot(*self._tilt))
+        ready = self._elapsed >= self.config.ramp
+        speed = float(np.hypot(*self._velocity))
+        tilt = float(np.hypot(*self._tilt))
         offset = (feet[:, :2] - self._rest[:, :2]).ravel()
         splayed = (offset * _OUTWARD).max() > 0.04 and not self.walking
         asked = np.abs(self._command).max() >= 0.02 or splayed or speed > 0.25 or tilt > 0.2
-        settled = speed < 0.15 and tilt < 0.1 and bool(np.abs(offset).max() < 0.08)
-        requested, seconds = ready and bool(asked), dt if ready else 0.0
         self._cycle.advance(
-            seconds, config.frequency, config.duty, requested=requested, settled=settled
+            dt if ready else 0.0,
+            self.config.frequency,
+            self.config.duty,
+            requested=ready and bool(asked),
+            settled=speed < 0.15 and tilt < 0.1 and bool(np.abs(offset).max() < 0.08),
         )
 
     def _move_stance_feet(self, dt: float) -> None:

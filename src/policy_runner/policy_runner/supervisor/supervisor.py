@@ -30,7 +30,9 @@ class Handover:
     """
 
     def __init__(self, old: Policy, new: Policy, now: float) -> None:
-        self.new, self._old, self._began = new, old, now
+        self.new = new
+        self._old = old
+        self._began = now
         self._taken_over: float | None = None
         self._waiting = 0.0
 
@@ -100,7 +102,8 @@ class Supervisor:
         self._config = config = config or SafetyConfig()
         self._monitor = monitor or SafetyMonitor(config)
         self._limiter = limiter or TargetLimiter(config.target_rate)
-        self._restart_after, self._source = restart_after, source
+        self._restart_after = restart_after
+        self._source = source
         self._since = 0.0
         self._sound_since: float | None = None
         self._last = 0.0
@@ -205,16 +208,18 @@ class Supervisor:
             self._since = now
         fresh = now - self.inputs.odom_time <= self._config.stale_after
         velocity = self.inputs.base_velocity
-        targets = self._act(now, velocity if fresh and np.isfinite(velocity).all() else None)
+        known = velocity if fresh and np.isfinite(velocity).all() else None
+        targets = self._act(now, known)
         fault = self._monitor.targets(targets)
         if fault is not None:
             self._damp(fault, now)
             return SupervisorOutput(None)
         dt = max(now - self._last, 0.0)
+        limited = self._limiter(targets, dt)
         if self.state is State.RUNNING:
             self._walked += dt
         self._last = now
-        return SupervisorOutput(self._limiter(targets, dt))
+        return SupervisorOutput(limited)
 
     def _act(self, now: float, velocity: Floats | None) -> Floats:
         handover = self._handover
@@ -262,7 +267,8 @@ class LoopTiming:
         self._period = period
         self._durations: deque[float] = deque(maxlen=_KEPT)
         self._last: float | None = None
-        self.missed, self.steps = 0, 0
+        self.missed = 0
+        self.steps = 0
 
     def begin(self, now: float) -> None:
         """Record the beginning of a step, s."""
