@@ -131,8 +131,8 @@ class MotionFile:
         modes = {str(key): segments for key, segments in read.modes.items()}
         if mode is not None and mode not in modes:
             there = f'has no mode {mode!r}; it has {", ".join(modes)}'
-            there = there if modes else f'has one way only; leave --mode {mode} out'
-            raise InputError(f'{where} {there}')
+            only = f'has one way only; leave --mode {mode} out'
+            raise InputError(f'{where} {there if modes else only}')
         chosen = mode or next(iter(modes), '')
         return cls(
             name,
@@ -170,8 +170,8 @@ def listing() -> str:
     return '\n'.join(lines)
 
 
-_NUMBER: Final = r'(\d+\.?\d*|\.\d+)'
-_LOAD: Final = re.compile(rf'{_NUMBER} ?kg ?@ ?{_NUMBER} ?m')
+_NUMBER: Final = r'\d+\.?\d*|\.\d+'
+_LOAD: Final = re.compile(rf'(?P<mass>{_NUMBER}) ?kg ?@ ?(?P<length>{_NUMBER}) ?m')
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class Load:
     def of(cls, text: str) -> 'Load':
         """Parse text such as 4kg@0.3m; InputError for anything else."""
         found = _LOAD.fullmatch(text.strip())
-        mass, length = map(float, found.groups()) if found else (0.0, 0.0)
-        if not (0.0 < mass <= 100.0 and 0.0 < length <= 3.0):
+        load = cls(float(found['mass']), float(found['length'])) if found else None
+        if load is None or not (0.0 < load.mass <= 100.0 and 0.0 < load.length <= 3.0):
             raise InputError(f'--load is {text!r}; give such as 4kg@0.3m, up to 100 kg and 3 m')
-        return cls(mass, length)
+        return load

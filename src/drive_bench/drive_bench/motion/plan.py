@@ -56,8 +56,10 @@ class WavePath(SegmentPath):
     def extent(self) -> tuple[float, float]:
         """Lowest and highest target, rad; in torque mode the initial position alone."""
         if self.segment.free:
-            low, high = float(self._travel.min()), float(self._travel.max())
-            return self._start + low, self._start + high
+            return (
+                self._start + float(self._travel.min()),
+                self._start + float(self._travel.max()),
+            )
         swing = abs(self.segment.amplitude)
         ends = (self._start, self._goal - swing, self._goal + swing)
         return min(ends), max(ends)
@@ -73,7 +75,8 @@ class WavePath(SegmentPath):
             return Target(self._start + travel, self._value(time), mode=mode)
         if time < self.way_seconds:
             return self._on_the_way(time)
-        since, size = time - self.way_seconds, self.segment.amplitude
+        since = time - self.way_seconds
+        size = self.segment.amplitude
         if isinstance(self._shape, Oscillation):
             return Target(self._goal + size * self._shape.at(since))
         before, level, within = self._shape.at(since)
@@ -240,7 +243,8 @@ class SegmentPlayer:
     """
 
     def __init__(self, motion: MotionFile, start: float, mounting: Mounting, ramps: Ramps) -> None:
-        self.plan, self.motion = Plan(motion, start, mounting, ramps), motion
+        self.plan = Plan(motion, start, mounting, ramps)
+        self.motion = motion
         self.elapsed = 0.0
         self.place = 0  # of the segment; the return at the end counts as one
         self._initial: float | None = None

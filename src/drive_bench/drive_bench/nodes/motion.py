@@ -109,11 +109,18 @@ class MotionNode(Node):
 
     def _run_of(self, message: JointState) -> MotionRun:
         names, options = tuple(message.name), self._options
-        read, limits = Inputs(names), limits_of(names, options.limits)
+        read = Inputs(names)
         _take(read, message, 0.0)
-        drives = resolve(self._drives, names, present(read))
-        given = self._motion, names, drives, options.mounting, limits, self._config
-        return MotionRun(*given, damp_others=options.damp_others, fit=options.fit)
+        return MotionRun(
+            self._motion,
+            names,
+            resolve(self._drives, names, present(read)),
+            options.mounting,
+            limits_of(names, options.limits),
+            self._config,
+            damp_others=options.damp_others,
+            fit=options.fit,
+        )
 
     def _on_supply(self, message: DriveSupply) -> None:
         if self._run is not None:

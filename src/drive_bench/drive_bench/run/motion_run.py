@@ -5,8 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from policy_runner.policies.inputs import Inputs
-from policy_runner.supervisor import safety
-from policy_runner.supervisor.safety import Fault, FaultKind, SafetyConfig
+from policy_runner.supervisor.safety import (
+    Fault,
+    FaultKind,
+    SafetyConfig,
+    SafetyMonitor,
+    TargetLimiter,
+)
 from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
@@ -27,10 +32,11 @@ _NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
 def present(inputs: Inputs) -> list[bool]:
     """Return for each joint whether its drive is present; missing ones report zeros only."""
     effort = inputs.effort if len(inputs.effort) else np.zeros(len(inputs.joint_names))
-    return list(np.any((inputs.position, inputs.velocity, effort), axis=0).tolist())
+    found: list[bool] = np.any((inputs.position, inputs.velocity, effort), axis=0).tolist()
+    return found
 
 
-class MotionMonitor(safety.SafetyMonitor):
+class MotionMonitor(SafetyMonitor):
     """Safety monitor that also checks speed, torque, temperature and position error of drives.
 
     interlock: a reason to damp although the drives are sound, such as a recorder that ended.
@@ -141,19 +147,25 @@ class MotionRun:
                 raise InputError(f'no limits are known for {drive}; give them with --limits FILE')
         count, ranges = len(joints), ranges_of(joints, limits)
         self.joints = tuple(joints)
-        needed = ('joint_states',)
         self.inputs = Inputs(
-            self.joints, position=np.zeros(count), velocity=np.zeros(count), needed=needed
+            self.joints,
+            position=np.zeros(count),
+            velocity=np.zeros(count),
+            needed=('joint_states',),
         )
         self.motion, self.drives = motion, tuple(drives)
         self.policy = MotionPolicy(motion, joints, drives, mounting, limits)
         self.monitor = MotionMonitor(config, self.policy, joints, limits)
-        limiter = safety.TargetLimiter(config.target_rate, ranges)
         self._supervisor = Supervisor(
-            self.policy, config, inputs=self.inputs, monitor=self.monitor, limiter=limiter
+            self.policy,
+            config,
+            inputs=self.inputs,
+            monitor=self.monitor,
+            limiter=TargetLimiter(config.target_rate, ranges),
         )
-        torques = (limits[joint].torque if joint in limits else 0.0 for joint in joints)
-        self._torque_limits = np.array(list(torques))
+        self._torque_limits = np.array(
+            [limits[joint].torque if joint in limits else 0.0 for joint in joints]
+        )
         self._damp_others, self._fit = damp_others, fit
         self._mounting, self.limits = mounting, limits
         self.notes: tuple[str, ...] = ()
@@ -225,9 +237,10 @@ class MotionRun:
 
     def figures(self, now: float) -> dict[str, str]:
         """Return values for diagnostics, by name."""
-        shown, kept = self._supervisor.figures(now), ('faults', 'joint_states age [ms]')
-        own = {'motion': self.motion.name, 'left [s]': f'{self.policy.left:.1f}'}
-        return own | {key: shown[key] for key in kept}
+        shown = self._supervisor.figures(now)
+        kept = ('faults', 'joint_states age [ms]')
+        left = f'{self.policy.left:.1f}'
+        return {'motion': self.motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
 
     def unsound(self, now: float) -> str:
         """Return the reason why the motion could not begin at `now`, s; '' if it could."""

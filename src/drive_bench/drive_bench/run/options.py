@@ -4,7 +4,6 @@ import argparse
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final
 
@@ -171,8 +170,10 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> RunOptio
 
 def free_name(folder: Path, name: str) -> Path:
     """Return a path in a folder that does not exist: name, name_2 and so on."""
-    names = chain([name], (f'{name}_{number}' for number in count(2)))
-    return next(path for path in map(folder.joinpath, names) if not path.exists())
+    count = 1
+    while (path := folder / (name if count == 1 else f'{name}_{count}')).exists():
+        count += 1
+    return path
 
 
 def check_new(bag: Path) -> None:
