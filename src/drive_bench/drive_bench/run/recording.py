@@ -80,13 +80,18 @@ def file_away(
             'complete': complete,
             'ended': 'done' if complete else reason,
             'fitted': list(run.notes),
-            'check': {name: value and round(value, 4) for name, value in found.figures.items()},
+            'check': {
+                name: None if value is None else round(value, 4)
+                for name, value in found.figures.items()
+            },
             'amiss': list(found.amiss),
         }
         replace(card, drives=run.drives, other={**card.other, **told}).save(bag)
     except InputError as error:
         print(f'the card could not be written: {error}', file=out)
-    print(*summary, f'\n{check_table(found.rows)}\n', sep='\n', file=out)
+    for line in summary:
+        print(line, file=out)
+    print(f'\n{check_table(found.rows)}\n', file=out)
     content = {
         'bag': str(bag),
         'complete': complete,
@@ -119,7 +124,7 @@ class MotionRecording:
 
     def __init__(self, options: RunOptions, ros: Sequence[str] = ()) -> None:
         self._options, self._ros = options, ros
-        self._patience = options.patience or PATIENCE
+        self._patience = PATIENCE if options.patience is None else options.patience
         self._recorder: RecorderProcess | None = None
         self._began = time.monotonic()
         self._recording_since: float | None = None
@@ -177,14 +182,14 @@ class MotionRecording:
         return ''
 
     def _start_motion(self, run: MotionRun, now: float) -> None:
-        seconds = time.monotonic()
+        time_now = time.monotonic()
         missing = [topic for topic in _NEEDED if not self._counts.get(topic)]
         if missing:
-            if seconds - self._began > self._patience:
+            if time_now - self._began > self._patience:
                 raise InputError(f'the recorder receives nothing of {", ".join(missing)}')
             return
-        self._recording_since = self._recording_since or seconds
-        if seconds - self._recording_since >= _LEAD:
+        self._recording_since = self._recording_since or time_now
+        if time_now - self._recording_since >= _LEAD:
             self._moved, reason = run.start(now)
             if not self._moved:
                 raise InputError(reason)

@@ -31,7 +31,7 @@ class CheckRow:
     amiss: str = ''
 
 
-@dataclass(frozen=True)
+@dataclass
 class RecordingCheck:
     """Result of a check: rows of a table, and figures by name (None if unknown)."""
 
@@ -147,17 +147,20 @@ def _compare(
     for name, unit in (('speed', 'rad/s'), ('torque', 'N·m'), ('acceleration', 'rad/s²')):
         wanted, got = asked[name], reached[name]
         short = complete and not saturates and got < _FELL_SHORT * wanted < math.inf
-        text = f'{wanted:.3g} {unit}' if 0.0 < wanted < math.inf else '–'
+        aim = f'{wanted:.3g} {unit}' if 0.0 < wanted < math.inf else '–'
         seen = f'{got:.3g} {unit}' if math.isfinite(got) else 'unknown'
         note = ' (more than the drive can follow, as meant)' if saturates and got < wanted else ''
         amiss = f'only {100 * got / wanted:.0f} % of what was asked' if short else ''
-        found.add(name, text, seen + note, amiss)
+        found.add(name, aim, seen + note, amiss)
         found.note(**{f'{name}_reached': got})
     low, high = float(position[read].min()), float(position[read].max())
     beyond = max(limits.low - low, high - limits.high)
-    allowed, been = f'{limits.low:.3g}..{limits.high:.3g} rad', f'{low:.3g}..{high:.3g} rad'
-    text = f'{beyond:.2g} rad beyond' if beyond > 0.0 else ''
-    found.add('position', allowed, been, text)
+    found.add(
+        'position',
+        asked=f'{limits.low:.3g}..{limits.high:.3g} rad',
+        reached=f'{low:.3g}..{high:.3g} rad',
+        amiss=f'{beyond:.2g} rad beyond' if beyond > 0.0 else '',
+    )
     known = np.isfinite(torque)
     at_limit = np.abs(torque[known]) >= _AT_LIMIT * limits.torque
     clipped = 100.0 * float(at_limit.mean()) if known.any() else math.nan
@@ -196,10 +199,12 @@ def _read_meter(
     if len(known):
         rise = float(known.max() - known[0])
         wanted = max(segment.until_warmer for segment in motion.segments)
-        asked = f'{wanted:g} K warmer' if wanted else '–'
-        reached = f'{known[0]:.1f} to {known.max():.1f} °C, {known[-1]:.1f} °C at the end'
-        amiss = f'only {rise:.1f} K' if complete and rise < _FELL_SHORT * wanted else ''
-        found.add('winding', asked, reached, amiss)
+        found.add(
+            'winding',
+            asked=f'{wanted:g} K warmer' if wanted else '–',
+            reached=f'{known[0]:.1f} to {known.max():.1f} °C, {known[-1]:.1f} °C at the end',
+            amiss=f'only {rise:.1f} K' if complete and rise < _FELL_SHORT * wanted else '',
+        )
         found.note(winding_rise=rise, winding_end=float(known[-1]))
     found.note(flagged=flagged, without_value=unread)
 
@@ -213,10 +218,12 @@ def _most(values: Floats) -> float:
 def _sharpest(segment: Segment) -> float:
     """Return the largest commanded acceleration of a sine or chirp, rad/s²; 0 for others."""
     turn = 2.0 * math.pi * segment.frequency
-    if not (segment.swings or segment.shape in ('chirp', 'sine')):
-        return 0.0
-    rate = {'position': turn * turn, 'velocity': turn}.get(segment.mode, 0.0)
-    return rate * abs(segment.amplitude)
+    if segment.swings or segment.shape in ('chirp', 'sine'):
+        if segment.mode == 'position':
+            return turn * turn * abs(segment.amplitude)
+        if segment.mode == 'velocity':
+            return turn * abs(segment.amplitude)
+    return 0.0
 
 
 def check_table(rows: Sequence[CheckRow]) -> str:
@@ -225,5 +232,9 @@ def check_table(rows: Sequence[CheckRow]) -> str:
     cells += [
         (row.name, row.asked, row.reached, '! ' + row.amiss if row.amiss else 'ok') for row in rows
     ]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return '\n'.join('  '.join(map(str.ljust, row, widths)).rstrip() for row in cells)
+    widths = [max(len(row[column]) for row in cells) for column in range(4)]
+    lines = []
+    for row in cells:
+        padded = [text.ljust(width) for text, width in zip(row, widths, strict=True)]
+        lines.append('  '.join(padded).rstrip())
+    return '\n'.join(lines)
