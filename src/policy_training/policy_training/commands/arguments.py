@@ -76,9 +76,9 @@ examples:
     _EXPORT,
 )
 def export(parser: ArgumentParser, args: Arguments) -> Namespace:
-    add, file = parser.add_argument, ending('--output', '.pt')
+    add = parser.add_argument
     add('policy', metavar='POLICY', help='name, folder or run')
-    add('-o', '--output', type=file, required=True, metavar='FILE.pt')
+    add('-o', '--output', type=ending('--output', '.pt'), required=True, metavar='FILE.pt')
     return parser.parse_args(args)
 
 

@@ -23,7 +23,8 @@ class VelocityCommands:
     """Random commands of N robots, `values` [N, 3]: vx and vy in m/s, yaw rate in rad/s."""
 
     def __init__(self, config: CommandConfig, count: int, random: np.random.Generator) -> None:
-        self._config, self._random = config, random
+        self._config = config
+        self._random = random
         self._top = np.array([config.forward, config.lateral, config.yaw])
         self.values = np.zeros((count, 3))
 
@@ -31,7 +32,8 @@ class VelocityCommands:
         """Draw commands of the robots of these indices: along one axis, all axes, or standing."""
         random, count = self._random, len(ids)
         values = random.uniform(-self._top, self._top, (count, 3))
-        kind, axis = random.uniform(size=count), random.integers(3, size=count)
+        kind = random.uniform(size=count)
+        axis = random.integers(3, size=count)
         alone = kind < self._config.single
         values[alone] *= np.eye(3)[axis[alone]]
         values[kind >= 1.0 - self._config.standing] = 0.0
@@ -80,14 +82,16 @@ class WalkingEnvironment:
         count = self.count = config.physics.environments
         self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
-        plant, step = Plant.load(config.physics.plant), config.step_time
+        plant = Plant.load(config.physics.plant)
+        step = config.step_time
         self._meter = PlantPower(plant, count, config.physics.timestep)
         self._metered = 0.0
         self.watts: NDArray[Any] = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, step)
         self._feet = FootClock(count, step, config.rewards.air_time_target)
         self.limiter = CommandRateLimiter(observation.command_rate_limit, count)
-        self._last_action, self._last_velocity = np.zeros((count, 12)), np.zeros((count, 12))
+        self._last_action = np.zeros((count, 12))
+        self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
         self.longest = round(config.physics.episode / step)
         self._new_command = round(config.commands.period / step)
@@ -200,8 +204,9 @@ class WalkingEnvironment:
         self.limiter.values[ids] = 0.0
         if self.power is not None:
             self.power.reset(ids)
-        for values in (self._last_action, self._last_velocity, self.age):
-            values[ids] = 0
+        self._last_action[ids] = 0.0
+        self._last_velocity[ids] = 0.0
+        self.age[ids] = 0
         return self.robots.motion()
 
     def _noise_levels(self) -> Floats:

@@ -31,7 +31,8 @@ class PlantPower:
         self._circuit = Circuit(plant, names, drives)
         self._line: Floats = drives['line_resistance'] * plant.effects.line_resistance.scale
         self._voltage = plant.supply.voltage
-        self._timestep, self._time = timestep, 0.0
+        self._timestep = timestep
+        self._time = 0.0
 
     def reset(self, ids: NDArray[np.intp]) -> None:
         """Do nothing: the circuit has no past."""

@@ -75,7 +75,8 @@ class BatchDrives:
         self._spring = drives.stiffness.reshape(shape)
         self._damper = drives.damping.reshape(shape)
         self.joint_damping: Floats = self._damper + 0.5 * timestep * self._spring
-        self.target, self.commanded = np.zeros(shape), np.zeros(shape)
+        self.target = np.zeros(shape)
+        self.commanded = np.zeros(shape)
         self._sent = np.zeros((int(self._delay.max(initial=0)) + 1, *shape))
         self._steps = 0
         self._given: Floats = np.zeros(shape)
@@ -253,10 +254,16 @@ class Robots:
         self, physics: PhysicsConfig, spread: RandomConfig, random: np.random.Generator
     ) -> None:
         count = physics.environments
-        self.count, self.decimation = count, physics.decimation
-        self._random, self._spread = random, spread
-        seed = int(random.integers(2**31))
-        terrain = Terrain(physics.noise, physics.slope, extent=physics.extent, seed=seed)
+        self.count = count
+        self.decimation = physics.decimation
+        self._random = random
+        self._spread = spread
+        terrain = Terrain(
+            noise=physics.noise,
+            slope=physics.slope,
+            extent=physics.extent,
+            seed=int(random.integers(2**31)),
+        )
         plant = Plant.load(physics.plant)
         self.drives = BatchDrives(plant, count, physics.timestep, spread, random)
         spec = build_spec(armature=0.0, timestep=physics.timestep, contact_sensors=True)

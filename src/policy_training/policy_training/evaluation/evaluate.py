@@ -132,8 +132,9 @@ def score_walk(
     series = {kind: walk.data.power[:, columns_of(walk.data, kind)] for kind in JOINT_TYPES}
     totals = {kind: power.sum(axis=1) for kind, power in series.items()}
     for part, power in {'supply': walk.data.supply, **totals}.items():
-        half, mean = _half_width(walk, power), entry['power_w'][part]
+        half = _half_width(walk, power)
         if half is not None:
+            mean = entry['power_w'][part]
             entry['power_interval_w'][part] = [mean - half, mean + half]
     entry['estimates'] = {}
     for name, model in models.items():

@@ -77,7 +77,8 @@ def evaluate_robustness(
         fell[index] = outcome.done & ~outcome.timed_out
         motion = environment.motion
         reached[index] = np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
-    pushed, every = np.zeros_like(fell), round(environment.config.random.push_period / step)
+    pushed = np.zeros_like(fell)
+    every = round(environment.config.random.push_period / step)
     pushed[every - 1 :: every] = True
     return _judge(config, commands, reached, fell, pushed, step)
 
@@ -129,8 +130,10 @@ def _judge(
 ) -> RobustnessResult:
     changed = np.ones(fell.shape, bool)
     changed[1:] = (np.diff(commands, axis=0) != 0.0).any(axis=2)
-    fresh, since = _since(changed) < _SETTLED / step, _since(pushed | fell)
-    counted = ~fresh & ((since >= _PUSHED / step) | (since < 0))
+    fresh = _since(changed) < _SETTLED / step
+    since = _since(pushed | fell)
+    shaken = (since >= 0) & (since < _PUSHED / step)
+    counted = ~fresh & ~shaken
     piece = np.cumsum(changed, axis=0)
     errors = []
     for robot in range(config.robots):

@@ -22,7 +22,7 @@ from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.reading.reader import Recording
 from sim_bridge.plant.anymal_model import build_spec
-from wattwalk_core.anymal import JOINT_NAMES, LEGS
+from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES, LEGS
 from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
@@ -33,7 +33,7 @@ _WINDOW: Final = 2.0  # s of power in view
 _MEAN: Final = 0.6  # s, about a stride, of the numbers
 _ROBOT: Final = (400, 480)  # pixels, height and width
 _COLOURS: Final = {'HAA': '#0072b2', 'HFE': '#d55e00', 'KFE': '#009e73'}  # Okabe-Ito
-_PARTS: Final = ('HIP', 'THIGH', 'SHANK')  # which these drives move
+_PARTS: Final = {'HAA': 'HIP', 'HFE': 'THIGH', 'KFE': 'SHANK'}  # which these drives move
 _PLACES: Final = {'HAA': 'hip, sideways', 'HFE': 'hip, forward', 'KFE': 'knee'}
 Image = NDArray[np.uint8]
 
@@ -76,8 +76,8 @@ def _robot_images(qpos: Floats) -> Iterator[Image]:
     sky.rgb1 = sky.rgb2 = [1.0, 1.0, 1.0]
     spec.geom('floor').material, spec.geom('floor').rgba = 'tiles', [1.0, 1.0, 1.0, 1.0]
     spec.geom('base').rgba = [0.24, 0.27, 0.30, 1.0]
-    for leg, (part, colour) in product(LEGS, zip(_PARTS, _COLOURS.values(), strict=True)):
-        spec.geom(f'{leg}_{part}').rgba = to_rgba(colour)
+    for leg, kind in product(LEGS, JOINT_TYPES):
+        spec.geom(f'{leg}_{_PARTS[kind]}').rgba = to_rgba(_COLOURS[kind])
     model = spec.compile()
     model.vis.global_.offwidth, model.vis.global_.offheight = _ROBOT[1], _ROBOT[0]
     model.vis.headlight.ambient[:] = 0.38

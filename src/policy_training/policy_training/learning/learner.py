@@ -77,7 +77,9 @@ class Learner:
         self, config: TrainingConfig, environment: WalkingEnvironment, device: str = 'cpu'
     ) -> None:
         torch.manual_seed(config.seed)
-        self.config, self.environment, self.device = config, environment, device
+        self.config = config
+        self.environment = environment
+        self.device = device
         self.iteration = 0
         self._steps = 0  # at the end of the last whole round
         self._torch_environment = TorchEnvironment(environment, device)
