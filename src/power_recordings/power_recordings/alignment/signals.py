@@ -162,12 +162,12 @@ class RecordedSignals:
         columns = [supply.names.index(name) for name in wanted]
         voltage, current = supply.voltage[:, columns], supply.current[:, columns]
         for name, values, unit in (('voltage', voltage, 'V'), ('current', current, 'A')):
-            for drive, column in zip(wanted, np.abs(values).T, strict=True):
-                if (column > _MOST_ELECTRIC).mean() > _OFTEN:
+            for drive, column in zip(wanted, values.T, strict=True):
+                if (np.abs(column) > _MOST_ELECTRIC).mean() > _OFTEN:
                     raise InputError(
                         f'{self.path}: drive_supply.{name} of {drive}'
-                        f'{self._card.column(drive, name)} reaches {np.nanmax(column):.4g}: '
-                        f'm{unit}? expected {unit}'
+                        f'{self._card.column(drive, name)} reaches '
+                        f'{np.nanmax(np.abs(column)):.4g}: m{unit}? expected {unit}'
                     )
         flagged, bad = supply.status[:, columns] != 0, ~supply.good[:, columns]
         share = bad.mean(axis=0)
