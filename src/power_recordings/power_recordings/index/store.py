@@ -146,6 +146,7 @@ class RecordingIndex:
         except (OSError, sqlite3.OperationalError) as error:
             told = advice(error) if isinstance(error, OSError) else error
             self._end(f'the index {path} cannot be used: {told}')
+            return
         self._asked(_prepare, None)
 
     def __enter__(self) -> Self:
@@ -288,9 +289,11 @@ def _keep(
     database: sqlite3.Connection, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None
 ) -> None:
     with database:
-        state, card = (stamp.path, stamp.size, stamp.changed), about.card
+        card = about.card
+        state = (stamp.path, stamp.size, stamp.changed)
         entries = (card.robot, card.unit, card.controller, card.terrain, card.created)
         content = json.dumps(card_content(card), default=str)
+        # This begins the transaction, so that no other process adds the recording meanwhile.
         database.execute(
             'DELETE FROM recordings WHERE path = ? AND (size <> ? OR changed <> ?)', state
         )
