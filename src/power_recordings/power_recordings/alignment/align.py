@@ -85,7 +85,8 @@ def align(
     source = RecordedSignals(recording.whole(), drives, need_power)
     if recording.card.steady:
         return operating_points(source, rate)
-    taps, every = smoothing(GRID) if smooth else antialias(GRID, rate), round(GRID / rate)
+    taps = smoothing(GRID) if smooth else antialias(GRID, rate)
+    every = round(GRID / rate)
     grids = [_grid(source.joints, *span) for span in _spans(source)]
     long = [grid for grid in grids if len(grid) >= len(taps) + every]
     electrics = source.electrics
@@ -224,7 +225,10 @@ def _spans(source: RecordedSignals) -> list[tuple[float, float]]:
 def _piece(
     source: RecordedSignals, grid: Floats, taps: Floats, every: int, hold: bool
 ) -> dict[str, NDArray[Any]]:
-    """Return a segment: every n-th sample of the filtered signals; `hold`: but for the command."""
+    """Return the segment of a grid: every n-th sample of its signals, filtered by the taps.
+
+    hold: take the command as it is held, unfiltered.
+    """
     inner = slice(len(taps) // 2, len(grid) - len(taps) // 2, every)
     result: dict[str, NDArray[Any]] = {'time': grid[inner]}
     if source.cmd_vel is not None:
@@ -252,7 +256,7 @@ def _grid(joints: Stream, start: float, end: float) -> Floats:
 
 
 def _common(a: Floats, b: Floats) -> Floats:
-    """Return the overlaps of two ascending lists of intervals [R, 2]."""
+    """Return the overlaps of two ascending lists of disjoint intervals [R, 2]."""
     edges = np.unique(np.concatenate([a, b], axis=None))
     middle = (edges[1:] + edges[:-1]) / 2
     inside = [np.searchsorted(x[:, 0], middle) > np.searchsorted(x[:, 1], middle) for x in (a, b)]
