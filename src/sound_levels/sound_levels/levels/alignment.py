@@ -67,7 +67,8 @@ def _landings(time: Floats, force: Floats) -> Floats:
     loaded = np.where(force > _LANDED, time, _NEVER)
     last_lifted = np.maximum.accumulate(lifted)
     last_loaded = np.maximum.accumulate(loaded)
-    return time[[t for t in down.tolist() if last_lifted[t - 1] - last_loaded[t - 1] >= _SWING]]
+    found = [t for t in down.tolist() if last_lifted[t - 1] - last_loaded[t - 1] >= _SWING]
+    return time[found]
 
 
 def _outstanding(time: Floats, jolt: Floats) -> float | None:

@@ -191,8 +191,9 @@ def measure(
         count += len(held)
         rest = np.concatenate([rest, [squares, held]], axis=1)
         whole = rest.shape[1] // length * length
-        power, falling = rest[:, :whole].reshape(2, -1, length)
-        found.append(np.stack([power.mean(axis=1), falling[:, -1], falling.max(axis=1)]))
+        power, levels = rest[:, :whole].reshape(2, -1, length)
+        # Copies: a view would keep every sample.
+        found.append(np.stack([power.mean(axis=1), levels[:, -1], levels.max(axis=1)]))
         rest = rest[:, whole:]
     least = max(1.0, 2.0 * SETTLED * tau)
     if count < least * rate:
@@ -202,4 +203,11 @@ def measure(
     energy, detector, highest = np.concatenate(found, axis=1)
     if float(energy.mean()) < _SILENCE:
         raise InputError('silent from start to end: was the microphone connected?')
-    return Sound(rate, length / rate, energy, detector, highest, spectrum.bands())
+    return Sound(
+        rate=rate,
+        step=length / rate,
+        energy=energy,
+        detector=detector,
+        highest=highest,
+        bands=spectrum.bands(),
+    )
