@@ -17,7 +17,15 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError, printable, quoted
 
-from power_recordings.messages.batch import LARGEST, Batch, MessageFile, Skip, Topic, windows
+from power_recordings.messages.batch import (
+    LARGEST,
+    Batch,
+    Integers,
+    MessageFile,
+    Skip,
+    Topic,
+    windows,
+)
 
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')
@@ -40,7 +48,7 @@ _MOST_SCANNED = 2_000_000  # messages of a chunk without index
 _MOST_PROBLEMS = 50
 
 
-_Found = dict[int, tuple[NDArray[np.int64], ...]]  # offsets, sizes and log times by channel
+_Found = dict[int, tuple[Integers, Integers, Integers]]  # offsets, sizes and log times by channel
 
 
 class McapFile(MessageFile):
