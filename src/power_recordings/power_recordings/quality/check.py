@@ -92,12 +92,12 @@ def check_recording(recording: Recording) -> Quality:
     drives = {name: checker.drive(name) for name in checker.names}
     supply, robot = checker.supply(), checker.robot(drives)
     card = recording.card
-    found = (
+    told = (
         *findings.timing_findings(recording, topics, lost),
         *checker.findings,
         *findings.computed_findings(card),
     )
-    found = tuple(f for f in found if not card.steady or f.code not in findings.OF_TIME)
+    found = tuple(f for f in told if not card.steady or f.code not in findings.OF_TIME)
     torque_at = dict(card.torque)
     return Quality(recording.duration, topics, drives, torque_at, found, supply, robot, lost)
 
@@ -134,9 +134,17 @@ class _Checker:
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             text = f'visits {cells:.0%} of its torque–speed range only'
             self._find('coverage', 'warning', name, text)
-        of_power = (np.nan, np.nan) if balance is None else (balance.slope, balance.share)
-        torques, speeds, watts = _range(torque), _range(velocity), _range(power)
-        return DriveQuality(rate, *of_power, slope, torques, speeds, watts, cells, quadrants)
+        return DriveQuality(
+            updates_hz=rate,
+            power_slope=np.nan if balance is None else balance.slope,
+            power_share=np.nan if balance is None else balance.share,
+            velocity_slope=slope,
+            torque_range=_range(torque),
+            velocity_range=_range(velocity),
+            power_range=_range(power),
+            cells=cells,
+            quadrants=quadrants,
+        )
 
     def _torque_of_current(self, name: str, torque: Floats, velocity: Floats) -> None:
         """Find a torque that was computed from a current, though the map has it as another's."""

@@ -52,7 +52,8 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
     rate = (position[2 * span :] - position[: -2 * span]) / np.maximum(step, 1e-9)
     kernel = np.ones(2 * span + 1)
     kernel[[0, -1]] = 0.5
-    return _slope(rate[whole], np.convolve(velocity, kernel / kernel.sum(), 'valid')[whole])
+    mean = np.convolve(velocity, kernel / kernel.sum(), 'valid')
+    return _slope(rate[whole], mean[whole])
 
 
 def rate_of(time: Floats, torque: Floats) -> Floats:

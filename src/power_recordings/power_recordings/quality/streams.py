@@ -48,7 +48,8 @@ def timing(stamps: Stamps) -> Timing:
         return Timing(len(stamps), 0.0, 0.0, 0, 0.0)
     period = float(np.median(steps))
     longest = longest_step(steps)
-    low, high = np.percentile(steps[steps <= longest], [1, 99])
+    usual = steps[steps <= longest]
+    low, high = np.percentile(usual, [1, 99])
     gaps = steps[steps > longest]
     jitter = float(high - low) / 2 / period
     return Timing(len(stamps), 1 / period, jitter, len(gaps), float(gaps.sum()))
@@ -95,7 +96,8 @@ def clipped(values: Singles) -> float:
         return 0.0
     least = 0.2 * float(np.abs(finite).max())
     at = ((finite == finite.max()) | (finite == finite.min())) & (np.abs(finite) > least)
-    return float((at[1:] & at[:-1] & (finite[1:] == finite[:-1])).mean())
+    held = at[1:] & at[:-1] & (finite[1:] == finite[:-1])
+    return float(held.mean())
 
 
 def frozen(stamps: Stamps, values: Singles, moving: Bools) -> float:
