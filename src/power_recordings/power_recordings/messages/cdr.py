@@ -336,4 +336,5 @@ def fields_of(text: str, type_name: str, given: Fields) -> Fields:
     text, the bag's own definition ('' if none), takes precedence over `given`, and that over ROS 2
     Jazzy's and this suite's types. ValueError as of `own_fields`.
     """
-    return {**typestore().fielddefs, **given, **(own_fields(text, type_name) if text else {})}
+    own = own_fields(text, type_name) if text else {}
+    return {**typestore().fielddefs, **given, **own}

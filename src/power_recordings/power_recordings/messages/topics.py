@@ -65,8 +65,8 @@ def _drives(columns: Columns) -> DriveSamples:
 
 
 def _supply(columns: Columns) -> Samples:
-    values = (columns.scalars(path) for path in ('voltage', 'current'))
-    return samples.SupplySamples(columns.stamps(), *values)
+    voltage, current = columns.scalars('voltage'), columns.scalars('current')
+    return samples.SupplySamples(columns.stamps(), voltage, current)
 
 
 def _cmd_vel(stamp_ns: Stamps, linear: Singles, angular: Singles) -> Samples:
