@@ -179,6 +179,14 @@ def test_a_recording_without_metadata_is_read_and_says_so(walk: Make, tmp_path: 
     assert len(recording.drive_supply()) == 1000
 
 
+def test_a_file_whose_name_ends_in_a_raised_digit_disturbs_no_bag(
+    walk: Make, tmp_path: Path
+) -> None:
+    path = walk(1.0).write(tmp_path / 'walk')
+    (path / 'walk_².mcap').touch()
+    assert len(Recording.open(path).drive_supply()) == 1000
+
+
 def test_a_recording_cut_off_anywhere_is_read_up_to_its_last_whole_chunk(
     walk: Make, tmp_path: Path
 ) -> None:

@@ -186,4 +186,4 @@ def _described(path: Path, files: tuple[Path, ...]) -> Bag:
 
 def _number(path: Path) -> tuple[int, str]:
     digits = path.stem.rsplit('_', 1)[-1]
-    return (int(digits) if digits.isdigit() else 0, path.name)
+    return (int(digits) if digits.isdecimal() else 0, path.name)
