@@ -18,8 +18,8 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from power_daq.commands.arguments import record as main
+from power_daq.commands.record import card_of, topics_of
 from power_daq.nodes.card_topic import publish_card
-from power_daq.nodes.recorder import card_of, topics_of
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
 from rclpy.context import Context

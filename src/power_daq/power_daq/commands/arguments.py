@@ -16,7 +16,7 @@ example, one minute of two topics:
 
 
 @entry_point(
-    'power_daq.nodes.recorder:run',
+    'power_daq.commands.record:run',
     "Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
     _RECORD,
 )
