@@ -1,6 +1,5 @@
 """Assembly of samples from frames by their counters, and the count of lost samples."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from wattwalk_core.arrays import Bools, Floats
@@ -24,12 +23,15 @@ class Assembled(NamedTuple):
     stale: Bools | None = None
 
 
-@dataclass
 class _Open:
     """An incomplete sample."""
 
-    payloads: list[bytes]
-    device_time: int = 0
+    __slots__ = ('device_time', 'missing', 'payloads')
+
+    def __init__(self, slots: int) -> None:
+        self.payloads: list[bytes] = [b''] * slots
+        self.missing = slots
+        self.device_time = 0
 
 
 class _Seen(NamedTuple):
@@ -60,7 +62,9 @@ class Assembler:
         self._resync = False
         self._first: int | None = None
         self._closed = -1
-        self.received = self.duplicates = self.counter_jumps = 0
+        self.received = 0
+        self.duplicates = 0
+        self.counter_jumps = 0
         self.missing = [0] * self._slots
 
     @property
@@ -88,14 +92,17 @@ class Assembler:
             return None
         if self._slots == 1:
             return self._complete(index, device_time, [payload])
-        part = self._open.setdefault(index, _Open([b''] * self._slots))
+        part = self._open.get(index)
+        if part is None:
+            part = self._open[index] = _Open(self._slots)
         if part.payloads[slot]:
             self.duplicates += 1
             return None
         part.payloads[slot] = payload
+        part.missing -= 1
         if slot == 0:
             part.device_time = device_time
-        if all(part.payloads):
+        if not part.missing:
             return self._complete(index, part.device_time, part.payloads)
         if len(self._open) > _OPEN_SAMPLES:
             self._close(min(self._open))
@@ -111,7 +118,7 @@ class Assembler:
         """Close all samples up to index; incomplete ones are lost."""
         if self._first is None:
             self._first = index
-        for late in [i for i in self._open if i <= index]:
+        for late in [i for i in self._open if i <= index] if self._open else ():
             part = self._open.pop(late)
             if late >= self._first:
                 for slot, payload in enumerate(part.payloads):

@@ -7,6 +7,7 @@ from math import nan
 import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from wattwalk_core.worker import Worker
 
 from drive_power_msgs.msg import DriveSupply
@@ -16,6 +17,10 @@ from power_daq.acquisition.receiver import Sample
 _S = 1_000_000_000
 _TEMPERATURE_LIFETIME = 2 * _S
 _READ = 0.1
+
+
+def _set_stamp(header: Header, nanoseconds: int) -> None:
+    header.stamp.sec, header.stamp.nanosec = divmod(nanoseconds, _S)
 
 
 class SupplyPublisher:
@@ -70,10 +75,12 @@ class SupplyPublisher:
         if not samples:
             return 0
         first = samples[0]
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(first.stamp, _S)
+        _set_stamp(message.header, first.stamp)
         message.sequence = first.sequence
         message.device_time = array('Q', [max(0, sample.device_time) for sample in samples])
-        values = np.concatenate([sample.values for sample in samples], axis=1)
+        values = first.values
+        if len(samples) > 1:
+            values = np.concatenate([sample.values for sample in samples], axis=1)
         packed = values.astype(np.float32)
         message.voltage = array('f', packed[0].tobytes())
         message.current = array('f', packed[1].tobytes())
@@ -99,7 +106,7 @@ class JointStatePublisher:
     def take(self, sample: Sample) -> int:
         """Publish a sample; return 1, the number that went out."""
         message, values = self._message, sample.values
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(sample.stamp, _S)
+        _set_stamp(message.header, sample.stamp)
         message.position = array('d', values[0].tobytes())
         message.velocity = array('d', values[1].tobytes())
         message.effort = array('d', values[2].tobytes())
@@ -120,7 +127,8 @@ class PublishingThread(Worker):
         finish: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__('publishing')
-        self._queue, self._publish, self._finish = queue, publish, finish
+        self._queue = queue
+        self._publish, self._finish = publish, finish
 
     def _work(self) -> None:
         while True:

@@ -147,14 +147,19 @@ class SignalLayout:
     def encode(self, values: ArrayLike) -> bytes:
         """Return the payload of `size` bytes for values [S], clipped to the signals' ranges."""
         numbers = self._numbers(values)
-        with np.errstate(invalid='ignore'):
-            raw = numbers.astype(np.int64)
-        for index, unsigned, real in self._floats:
-            raw[index] = numbers[index].astype(real).view(unsigned).astype(np.int64)
+        raw = numbers.astype(np.int64) if not self._floats else self._mixed(numbers)
         bits = np.unpackbits(raw.view(np.uint8), bitorder='little')
         payload = np.zeros(8 * self.size, np.uint8)
         payload[self._target] = bits[self._source]
         return np.packbits(payload, bitorder='little').tobytes()
+
+    def _mixed(self, numbers: Floats) -> NDArray[np.int64]:
+        """Return the raw values where some signals are floats, which may be NaN or too large."""
+        with np.errstate(invalid='ignore'):
+            raw = numbers.astype(np.int64)
+        for index, unsigned, real in self._floats:
+            raw[index] = numbers[index].astype(real).view(unsigned).astype(np.int64)
+        return raw
 
 
 def _check(signal: Signal, bits: list[int], size: int) -> None:

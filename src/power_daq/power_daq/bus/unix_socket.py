@@ -1,7 +1,7 @@
 """A CAN FD bus over a Unix socket, for processes of a machine without vcan."""
 
 import os
-import selectors
+import select
 import socket
 import stat
 import struct
@@ -138,7 +138,7 @@ class UnixSocketBus(can.BusABC):
 
     def fileno(self) -> int:
         """Return a descriptor that becomes readable when frames arrive."""
-        return self._end.endpoint.fileno()
+        return self._end.fileno()
 
     @property
     def statistics(self) -> HostStatistics:
@@ -158,39 +158,38 @@ def _new_socket() -> socket.socket:
     return end
 
 
-def _polling(end: socket.socket, event: int) -> selectors.PollSelector:
-    selector = selectors.PollSelector()
-    selector.register(end, event)
-    return selector
+def _milliseconds(timeout: float | None) -> float | None:
+    return None if timeout is None else max(0.0, timeout * 1000)
 
 
 class _Client:
     def __init__(self, path: str) -> None:
         self._path = path
-        self.endpoint = _new_socket()
+        self._socket = _new_socket()
         try:
-            self.endpoint.connect(path)
+            self._socket.connect(path)
         except OSError as error:
-            self.endpoint.close()
+            self._socket.close()
             raise can.CanInitializationError(
                 f'no unixsocket bus at {path!r}: {error.strerror or error}'
             ) from error
-        self._readable = _polling(self.endpoint, selectors.EVENT_READ)
-        self._writable = _polling(self.endpoint, selectors.EVENT_WRITE)
+        self._readable, self._writable = select.poll(), select.poll()
+        self._readable.register(self._socket, select.POLLIN)
+        self._writable.register(self._socket, select.POLLOUT)
 
     def send(self, packet: bytes, frames: int, timeout: float | None) -> None:
         try:
-            if not self._writable.select(timeout):
+            if not self._writable.poll(_milliseconds(timeout)):
                 raise can.CanTimeoutError(f'no room on unixsocket bus {self._path!r}')
-            self.endpoint.send(packet)
+            self._socket.send(packet)
         except OSError as error:
             raise self._gone() from error
 
     def receive(self, timeout: float | None) -> list[bytes]:
         try:
-            if not self._readable.select(timeout):
+            if not self._readable.poll(_milliseconds(timeout)):
                 return []
-            packet = self.endpoint.recv(_PACKET_BYTES)
+            packet = self._socket.recv(_PACKET_BYTES)
         except BlockingIOError:
             return []
         except OSError as error:
@@ -202,11 +201,14 @@ class _Client:
     def _gone(self) -> can.CanOperationError:
         return can.CanOperationError(f'the host of unixsocket bus {self._path!r} is gone')
 
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
     def statistics(self) -> HostStatistics:
         return HostStatistics(0, 0, ())
 
     def close(self) -> None:
-        self.endpoint.close()
+        self._socket.close()
 
 
 class _Host:
@@ -216,18 +218,20 @@ class _Host:
         self._disconnected = 0
         self._inbox: deque[bytes] = deque(maxlen=_HOST_QUEUE)
         self._next_service = 0.0
-        self.endpoint = _new_socket()
+        self._listener = _new_socket()
         try:
             self._remove_stale_socket()
-            self.endpoint.bind(path)
+            self._listener.bind(path)
             Path(path).chmod(0o600)
-            self.endpoint.listen(16)
+            self._listener.listen(16)
         except OSError as error:
-            self.endpoint.close()
+            self._listener.close()
             raise can.CanInitializationError(
                 f'cannot host a unixsocket bus at {path!r}: {error.strerror or error}'
             ) from error
-        self._readable = _polling(self.endpoint, selectors.EVENT_READ)
+        self._poll = select.poll()
+        self._poll.register(self._listener, select.POLLIN)
+        self._clients: dict[int, socket.socket] = {}
 
     def _remove_stale_socket(self) -> None:
         """Delete the socket file of a killed host, and no other file."""
@@ -262,24 +266,24 @@ class _Host:
             except OSError:
                 self._forget(client)
 
-    def _service(self, timeout: float | None) -> None:
-        for key, _ in self._readable.select(timeout):
-            end = key.fileobj
-            assert isinstance(end, socket.socket)
-            if end is self.endpoint:
+    def _service(self, milliseconds: float | None) -> None:
+        for descriptor, _ in self._poll.poll(milliseconds):
+            if descriptor == self._listener.fileno():
                 self._accept()
-                continue
-            for _ in range(_PACKETS_PER_SERVICE):
-                if end not in self._dropped or not self._read(end):
-                    break
+            else:
+                for _ in range(_PACKETS_PER_SERVICE):
+                    client = self._clients.get(descriptor)
+                    if client is None or not self._read(client):
+                        break
 
     def _accept(self) -> None:
         with suppress(OSError):
-            client, _ = self.endpoint.accept()
+            client, _ = self._listener.accept()
             client.setblocking(False)
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-            self._readable.register(client, selectors.EVENT_READ)
             self._dropped[client] = 0
+            self._clients[client.fileno()] = client
+            self._poll.register(client, select.POLLIN)
 
     def _read(self, client: socket.socket) -> bool:
         """Forward a client's packet; return whether there was one."""
@@ -298,24 +302,29 @@ class _Host:
     def _forget(self, client: socket.socket) -> None:
         if self._dropped.pop(client, None) is not None:
             self._disconnected += 1
-            self._readable.unregister(client)
+            self._poll.unregister(client)
+            del self._clients[client.fileno()]
             client.close()
 
     def receive(self, timeout: float | None) -> list[bytes]:
         if not self._inbox:
-            self._service(timeout)
+            self._service(_milliseconds(timeout))
         packets = list(self._inbox)
         self._inbox.clear()
         return packets
+
+    def fileno(self) -> int:
+        return self._listener.fileno()
 
     def statistics(self) -> HostStatistics:
         dropped = tuple(self._dropped.values())
         return HostStatistics(len(dropped), self._disconnected, dropped)
 
     def close(self) -> None:
-        self.endpoint.close()
+        self._listener.close()
         with suppress(OSError):
             os.unlink(self._path)
         for client in list(self._dropped):
             client.close()
         self._dropped.clear()
+        self._clients.clear()
