@@ -147,8 +147,8 @@ def _read_columns(
     """
     blocks = list(file.read(names, progress))
     columns = [
-        np.concatenate([_numbers(block.values[name], file.path, not place) for block in blocks])
-        for place, name in enumerate(names)
+        np.concatenate([_numbers(block.values[name], file.path, is_time) for block in blocks])
+        for name, is_time in zip(names, (True, *(False for _ in names[1:])), strict=True)
     ]
     rows = np.column_stack(columns)
     if any(_CLOCK.match(_sample(block.values[names[0]])) for block in blocks):
@@ -332,7 +332,10 @@ def _spread(time: Floats, period: float) -> Floats:
 def _clipping(path: Path, logged: Mapping[str, Floats]) -> list[str]:
     """Refuse what is constant or clipped; return notes on a little clipping."""
     notes = []
-    for key, values in logged.items():
+    for key in QUANTITIES:
+        if key not in logged:
+            continue
+        values = logged[key]
         if values.max() - values.min() <= 1e-6 * max(1.0, abs(float(values[0]))):
             if key == 'voltage' and len(logged) > 1:
                 notes.append(f'voltage is constant ({values[0]:g} V)')

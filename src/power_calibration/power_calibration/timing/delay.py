@@ -54,10 +54,11 @@ class Joint:
                 f'{recording.path}: drive {drive} is no joint; there are {", ".join(joints.names)}'
             )
         column = joints.names.index(drive)
+        time = (joints.stamp_ns - start_ns) / 1e9
         signals = (joints.effort[:, column], joints.position[:, column])
         values = np.column_stack(signals).astype(np.float64)
         bad = np.asarray(~np.isfinite(values).all(axis=1))
-        curve = Curve.of_samples((joints.stamp_ns - start_ns) / 1e9, values, bad)
+        curve = Curve.of_samples(time, values, bad)
         return cls(drive, curve).between(-np.inf, np.inf)
 
     def between(self, first: float, last: float) -> 'Joint':
@@ -77,26 +78,26 @@ class Joint:
         inertia, load friction and loss of regenerated power, inverter. The rotor's speed w is the
         derivative of position, since reported speed lags behind its filter.
         """
+        return self.curve.mapped(lambda _, values: self._table(values, spring))
+
+    def _table(self, values: Floats, spring: ShaftSpring) -> Floats:
+        torque, angle = values.T
         delta = self.curve.period
+        torsion = torque
+        if spring.relaxation > 0.0:
+            keep = float(np.exp(-delta / spring.relaxation))
+            half = 0.5 * (1.0 - keep)
+            torsion = lfilter([half, half], [1.0, -keep], torque - torque[0]) + torque[0]
 
         def smooth(values: Floats, order: int) -> Floats:
             return np.asarray(savgol_filter(values, _WINDOW, _ORDER, deriv=order, delta=delta))
 
-        def table(_: Floats, values: Floats) -> Floats:
-            torque, angle = values.T
-            torsion = torque
-            if spring.relaxation > 0.0:
-                keep = float(np.exp(-delta / spring.relaxation))
-                half = 0.5 * (1.0 - keep)
-                torsion = lfilter([half, half], [1.0, -keep], torque - torque[0]) + torque[0]
-            w = smooth(angle, 1) + spring.compliance * smooth(torsion, 1)
-            turn = smooth(angle, 2) + spring.compliance * smooth(torsion, 2)
-            tau = smooth(torque, 0)
-            losses = (tau * np.tanh(w / _SLIDING), np.abs(tau * w), np.abs(tau))
-            moving = (np.abs(w), w * w, w * turn, tau * turn, turn * turn)
-            return np.column_stack([np.ones_like(tau), tau * w, tau * tau, *moving, *losses])
-
-        return self.curve.mapped(table)
+        w = smooth(angle, 1) + spring.compliance * smooth(torsion, 1)
+        turn = smooth(angle, 2) + spring.compliance * smooth(torsion, 2)
+        tau = smooth(torque, 0)
+        losses = (tau * np.tanh(w / _SLIDING), np.abs(tau * w), np.abs(tau))
+        moving = (np.abs(w), w * w, w * turn, tau * turn, turn * turn)
+        return np.column_stack([np.ones_like(tau), tau * w, tau * tau, *moving, *losses])
 
 
 SHIFTS = np.arange(-20.0, 21.0) * 1e-3  # shifts at which errors are computed, s
@@ -161,16 +162,16 @@ def delay_of(recording: Recording, drive: str) -> Delay:
     watts = problem.watts[np.isin(problem.time, at)]
     spread = float(watts.std())
     r2 = 1.0 - float(residual.var()) / max(spread**2, 1e-12)
-    half = float(half_width(left_out(jacobian, residual, blocks_of(at))[:, :1])[0])
+    changes = left_out(jacobian, residual, blocks_of(at))
+    half = float(half_width(changes[:, :1])[0])
     known = r2 >= _LEAST_R2 and abs(delay) < _LARGEST_DELAY
-    moves = [power.at(time + shift)[:, 0] - problem.watts for shift in SHIFTS]
     return Delay(
         drive=drive,
         delay=IntervalEstimate.of(delay, half) if known else None,
         r2=r2,
         power=spread,
         refitted=problem.refitted(delay, spring),
-        moved=np.array([float(np.sqrt(np.nanmean(change**2))) for change in moves]),
+        moved=_moved(time, power),
         seconds=len(at) / _RATE,
     )
 
@@ -265,10 +266,11 @@ class _Problem:
         """
         curve = self._features(spring)
         x, good = self._rows(curve, delay)
-        softened, slowed = (self._features(spring.moved(*by)) for by in ((1e-5, 0.0), (0.0, 2e-4)))
-        moved = [self._rows(c, delay) for c in (curve.derivative(), softened, slowed)]
-        rise, softer, slower = (rows for rows, _ in moved)
-        good &= np.all([known for _, known in moved], axis=0)
+        rise, _ = self._rows(curve.derivative(), delay)
+        softer, _ = self._rows(self._features(spring.moved(1e-5, 0.0)), delay)
+        slower, _ = self._rows(self._features(spring.moved(0.0, 2e-4)), delay)
+        for part in (rise, softer, slower):
+            good &= np.isfinite(part).all(axis=1)
         b = _solved(x[good], self.watts[good])
         columns = [-(rise[good] @ b), (softer - x)[good] @ b / 1e-5, (slower - x)[good] @ b / 2e-4]
         if spring.compliance < 1e-4:
@@ -287,3 +289,9 @@ def _solved(x: Floats, y: Floats) -> Floats:
     size = np.where(size > 0, size, 1.0)
     scaled = x / size
     return np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=None)[0] / size
+
+
+def _moved(time: Floats, power: Curve) -> Floats:
+    watts = power.at(time)[:, 0]
+    changes = [power.at(time + shift)[:, 0] - watts for shift in SHIFTS]
+    return np.array([float(np.sqrt(np.nanmean(change**2))) for change in changes])

@@ -28,10 +28,11 @@ def drive_rows(found: Summary) -> list[tuple[str, ...]]:
     """Return the cells of DRIVE_COLUMNS for each drive."""
     table = []
     for item in found.delays:
-        text, late = ('–', 'unknown'), item.delay
-        if late is not None:
-            low, high = (f'{1e3 * limit:+.2f}' for limit in late.interval)
-            text = (f'{1e3 * late.value:+.2f}', f'{low} to {high}')
+        if item.delay is None:
+            text = ('–', 'unknown')
+        else:
+            low, high = (f'{1e3 * limit:+.2f}' for limit in item.delay.interval)
+            text = (f'{1e3 * item.delay.value:+.2f}', f'{low} to {high}')
         costs = [item.error_at(shift) for shift in SHIFTS_SHOWN]
         cells = (f'{watts:.2f} W, {percent:.1f} %' for watts, percent in costs)
         table.append((item.drive, *text, f'{item.r2:.3f}', *cells))
