@@ -126,6 +126,30 @@ def test_odrive_s_own_topics_become_supply_and_joint_states_in_si_units():
         assert len(of) > 80
 
 
+@pytest.mark.parametrize(
+    ('quantity', 'value', 'watts'),
+    [('efficiency', 0.5, [0.5 / 0.5, -1.0 * 0.5]), ('loss', 3.0, [0.5 + 3.0, -1.0 + 3.0])],
+)
+def test_power_by_efficiency_or_loss_is_that_of_an_import(quantity, value, watts):
+    drive = {
+        **ARM['*'],
+        'voltage': {'value': 10.0, 'unit': 'V'},
+        quantity: {'from': '/joint_states:share'},
+    }
+    messages = []
+    for k in range(20):
+        message = Message(
+            **{f: getattr(joints(0.0), f) for f in ('name', 'position')}, share=value
+        )
+        message.velocity, message.effort = [1.0, 2.0], [0.5, -0.5]
+        messages.append((10 * k, '/joint_states', message))
+    mapping = map_of({'*': drive}, time={'stamp': 'log'})
+    samples = run(Republisher(mapping, 'map robot.yaml'), messages)
+    values = samples['drive_supply'][5].values
+    assert values[3].tolist() == watts
+    assert values[1].tolist() == [power / 10.0 for power in watts]
+
+
 def test_a_topic_that_falls_silent_is_stale_and_the_others_go_on():
     _, samples = odrive_run(
         200, lambda topic, k: topic == '/odrive_axis0/odrive_status' and k > 80

@@ -11,7 +11,7 @@ import numpy as np
 from power_recordings.importing.channel_group import PositionRates
 from power_recordings.importing.convert import groups_of
 from power_recordings.importing.map_file import JOINT, ImportMap
-from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
+from power_recordings.importing.plan import ImportPlan, LogChannel, ShaftPower, make_plan
 from power_recordings.importing.sources.source import LogColumn
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError, quoted
@@ -109,6 +109,11 @@ class _Stream:
         self._factors = np.array([c.conversion.factor for c in channels])
         self._offsets = np.array([c.conversion.offset for c in channels])
         self.unknown = np.full(len(channels), np.nan)
+        self._shafts = [
+            (place, c, {a: MessageField(a.partition(':')[2]) for a in c.addresses})
+            for place, c in enumerate(channels)
+            if isinstance(c, ShaftPower)
+        ]
 
     def read(self, message: Any) -> Floats:
         """Return the converted values of a message; NaN where it has none."""
@@ -116,7 +121,11 @@ class _Stream:
             sum(prod(field.read(message) for field in term) for term in terms)
             for terms in self._sums
         ]
-        return np.array(values) * self._factors + self._offsets
+        converted = np.array(values) * self._factors + self._offsets
+        for place, channel, fields in self._shafts:
+            columns = {a: np.array([field.read(message)]) for a, field in fields.items()}
+            converted[place] = channel.convert(columns)[0]
+        return converted
 
 
 class LiveGroup:
@@ -262,7 +271,7 @@ class MapTopics:
                 self._required[name] = None
         self.outputs = ['joint_states']
         drives = [drive.signals() for drive in mapping.drives.values()]
-        if any({'current', 'power'} & set(signals) for signals in drives):
+        if any({'current', 'power', 'efficiency', 'loss'} & set(signals) for signals in drives):
             self.outputs.append('drive_supply')
         if supply:
             self.outputs.append('supply')
