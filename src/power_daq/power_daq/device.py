@@ -59,8 +59,10 @@ def open_device(given: DeviceParameters, queue: SampleQueue, log: LogTarget) -> 
     dbc = given.path('dbc', 'DBC file of the bus; empty for the shipped one')
     if ready and dbc is not None:
         raise InputError(f'give bus {ready} or dbc {dbc}, not both')
-    load = partial(BusDescription.ready, ready) if ready else partial(BusDescription.load, dbc)
-    bus = load(mapping, nodes)
+    if ready:
+        bus = BusDescription.ready(ready, mapping, nodes)
+    else:
+        bus = BusDescription.load(dbc, mapping, nodes)
     settings = BusSettings(
         interface,
         channel,

@@ -29,7 +29,8 @@ class QueryRounds:
     """
 
     def __init__(self, queries: Sequence[can.Message], period: float) -> None:
-        self._queries, self._period = queries, period
+        self._queries = queries
+        self._period = period
         self._next = 0.0
         self.sent = self.unsent = 0
 
@@ -150,9 +151,12 @@ class Acquisition(DeviceWorker):
         patience: Patience | None = None,
         queries: QueryRounds | None = None,
     ) -> None:
-        self.receiver, self.queries = receiver, queries
-        self._open_bus, self._sink, self._log = open_bus, sink, log
+        self.receiver = receiver
+        self._log = log
+        self._open_bus = open_bus
+        self._sink = sink
         self._patience = patience or Patience()
+        self.queries = queries
         super().__init__('acquisition', self._patience.first_retry, self._patience.last_retry)
         self._bus: can.BusABC | None = None
         self.absence = 'not opened yet'
@@ -213,8 +217,18 @@ class Acquisition(DeviceWorker):
 _RATE_SLACK = 0.02
 _NAMED = 4
 _FAULTS = (
-    *(' lost', ' missing', ' jumps', ' duplicates', ' not finite', ' refused', 'queries unsent'),
-    *(' dropped unpublished', 'error frames', 'malformed packets', 'wrong length', 'unknown'),
+    ' lost',
+    ' missing',
+    ' jumps',
+    ' duplicates',
+    ' dropped unpublished',
+    ' not finite',
+    ' refused',
+    'queries unsent',
+    'error frames',
+    'malformed packets',
+    'wrong length',
+    'unknown',
     'steps of the system clock',
 )
 
@@ -236,8 +250,10 @@ class BusHealth:
         description: BusDescription,
         settings: BusSettings,
     ) -> None:
-        self._acquisition, self._queue = acquisition, queue
-        self._description, self._settings = description, settings
+        self._acquisition = acquisition
+        self._queue = queue
+        self._description = description
+        self._settings = settings
         self._changes = CountChanges()
         self._interleavers = {
             name: assembler
@@ -294,7 +310,8 @@ class BusHealth:
             figures[f'unknown id {key & 0x1FFFFFFF:#x}'] = str(count)
         for what, count in receiver.wrong_lengths.most_common(_NAMED):
             figures[f'wrong length {what}'] = str(count)
-        return Report(*self._judge(news, rates), figures)
+        level, sentence = self._judge(news, rates)
+        return Report(level, sentence, figures)
 
     def _clock_figures(self) -> dict[str, str]:
         figures = {}
@@ -335,9 +352,9 @@ class BusHealth:
         found = []
         for name, interleaver in self._interleavers.items():
             frames = self._description.groups[name].frames
-            for slot in interleaver.silent(now):
+            for slot in interleaver.merger.silent(now):
                 # A drive without thermistor sends no temperature.
-                if name != 'temperature' or interleaver.seen(slot):
+                if name != 'temperature' or interleaver.merger.seen(slot):
                     note = ' '.join((frames[slot].message.comment or '').split())
                     found.append(frames[slot].name + (f' ({note})' if note else ''))
         return some(found)

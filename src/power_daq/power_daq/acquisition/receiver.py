@@ -20,7 +20,7 @@ _STATUS = 2
 _HOLD = 0.5  # periods; replies to one round of queries belong together, also where rounds are late
 
 
-class Interleaver(StreamMerger[bytes]):
+class Interleaver:
     """Merges the frames of one group, which have no counter, into samples.
 
     A sample is taken at each arrival of the group's first frame that is not silent; a frame is
@@ -33,21 +33,33 @@ class Interleaver(StreamMerger[bytes]):
     counter_jumps = 0
 
     def __init__(self, group: FrameGroup) -> None:
-        super().__init__(len(group.frames), 1e9 / group.rate, b'', CYCLIC, _HOLD)
         self._group = group
+        self.merger: StreamMerger[bytes] = StreamMerger(
+            len(group.frames), 1e9 / group.rate, b'', CYCLIC, _HOLD
+        )
         self._absent = [bytes(frame.size) for frame in group.frames]
         self._mapped = group.slots >= 0
         self._slots = np.maximum(group.slots, 0)
         self.received = 0
 
     @property
+    def lost(self) -> int:
+        """Number of samples that did not come, by the gaps of the frames they are timed by."""
+        return self.merger.lost
+
+    @property
+    def missing(self) -> list[int]:
+        """Number of frames of each slot that did not come, by their gaps."""
+        return self.merger.missing
+
+    @property
     def duplicates(self) -> int:
         """Number of frames that were received before the one before them."""
-        return self.out_of_order
+        return self.merger.out_of_order
 
-    def assembled(self, slot: int, arrival: int, payload: bytes) -> list[Assembled]:
+    def add(self, slot: int, arrival: int, payload: bytes) -> list[Assembled]:
         """Take the frame of a slot that arrived at a steady time in ns; return full samples."""
-        rows = self.add(slot, arrival, payload)
+        rows = self.merger.add(slot, arrival, payload)
         self.received += len(rows)
         return [self._assembled(row) for row in rows]
 
@@ -115,8 +127,10 @@ class Receiver:
         calibration: Calibration | None = None,
         transport_delay: int = 0,
     ) -> None:
-        self._description, self.ros_time = description, ros_time
-        self._calibration, self._delay = calibration, transport_delay
+        self._description = description
+        self.ros_time = ros_time
+        self._calibration = calibration
+        self._delay = transport_delay
         self.clocks = {
             name: ClockMapping(tick, bits) for name, (tick, bits) in description.clocks.items()
         }
@@ -178,7 +192,7 @@ class Receiver:
             assert isinstance(assembler, Interleaver)
             return [
                 self._sample(frame.group, done, done.device_time, 0)
-                for done in assembler.assembled(frame.slot, arrival, bytes(data))
+                for done in assembler.add(frame.slot, arrival, bytes(data))
             ]
         time, counter = frame.time_and_counter
         clock = self.clocks[frame.clock]

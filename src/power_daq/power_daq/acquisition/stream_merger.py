@@ -140,7 +140,10 @@ class StreamMerger(Generic[T]):
         self._newest = max(self._newest, time)
         if self._begin is None and not self._has_begun():
             return []
-        return list(iter(self._next, None))
+        merged: list[MergedRow[T]] = []
+        while (complete := self._next()) is not None:
+            merged.append(complete)
+        return merged
 
     def _has_begun(self) -> bool:
         """Return whether all streams have a row, or are no longer waited for."""
@@ -157,16 +160,22 @@ class StreamMerger(Generic[T]):
         time = next((t for t, _ in reference.rows if t >= after), None)
         if time is None or any(stream.rows[-1][0] < time for stream in waited):
             return None
+        number = self._number(time, reference.period)
+        left, right, weight = [], [], []
+        for stream in self._streams:
+            found = stream.at(time) or (self._empty, self._empty, nan)
+            left.append(found[0])
+            right.append(found[1])
+            weight.append(found[2])
+            stream.forget(time)
+        return MergedRow(number, time, left, right, weight)
+
+    def _number(self, time: int, period: float) -> int:
         number = 0
         if self._given is not None:
             before, since = self._given[0], time - self._given[1]
-            lost = since > self._loss * reference.period
-            number = before + (round(since / reference.period) if lost else 1)
-            self.lost += number - before - 1
+            step = round(since / period) if since > self._loss * period else 1
+            number = before + step
+            self.lost += step - 1
         self._given = number, time
-        nothing = self._empty, self._empty, nan
-        found = [stream.at(time) or nothing for stream in self._streams]
-        for stream in self._streams:
-            stream.forget(time)
-        left, right, weight = map(list, zip(*found, strict=True))
-        return MergedRow(number, time, left, right, weight)
+        return number

@@ -15,6 +15,7 @@ from wattwalk_core.errors import InputError, quoted
 from power_daq.bus.frame import Frame, FrameGroup
 from power_daq.bus.mapping import REQUIRED, BusMapping, load_mapping
 from power_daq.bus.moteus import REGISTERS, MoteusRegisters
+from power_daq.bus.signal_layout import SignalLayout
 
 _FOLDER = Path(__file__).parent
 DEFAULT_DBC = _FOLDER / 'drives.dbc'
@@ -43,8 +44,9 @@ class BusDescription:
         # `joint` or `motor` by drive, as far as the mapping says it; A where it is a current.
         self.torque_at: Mapping[str, str] = {} if joints is None else joints.torque_at
         self.torque_unit: Mapping[str, str] = {} if joints is None else joints.torque_unit
-        sync = mapping.sync
-        self._sync = [] if sync is None else [FrameGroup(sync, database, self.drives)]
+        self._sync: Frame | None = None
+        if mapping.sync is not None:
+            self._sync = Frame(database, mapping.sync, None, 'sync', 0)
         self.is_fd = any(message.is_fd for message in database.messages)
         self.known = frozenset(self._known(database))
         self.clocks = self._clocks(mapping)
@@ -108,8 +110,8 @@ class BusDescription:
     def _clocks(self, mapping: BusMapping) -> Mapping[str, tuple[float, int]]:
         """Return nanoseconds of a tick and bits of each device's clock, by its name."""
         clocks: dict[str, tuple[float, int]] = {}
-        groups = [*self._sync, *self.groups.values()]
-        for frame in (frame for group in groups for frame in group.frames):
+        frames = [frame for group in self.groups.values() for frame in group.frames]
+        for frame in frames if self._sync is None else [self._sync, *frames]:
             if frame.time is None:
                 continue
             form = frame.ns_per_tick, frame.time.length
@@ -125,8 +127,8 @@ class BusDescription:
     def routes(self) -> Mapping[int, Sequence[Frame]]:
         """Frames of each identifier (bit 31 set if extended)."""
         routes: dict[int, list[Frame]] = {}
-        groups = (*self.groups.values(), *self._sync)
-        for frame in (frame for group in groups for frame in group.frames):
+        frames = [frame for group in self.groups.values() for frame in group.frames]
+        for frame in frames if self._sync is None else [*frames, self._sync]:
             # A servo's standard identifier may come in an extended frame.
             for key in {frame.key, frame.key | 1 << 31} if self.polled else {frame.key}:
                 routes.setdefault(key, []).append(frame)
@@ -134,7 +136,17 @@ class BusDescription:
 
     def encode_sync(self, counter: int, device_us: int) -> list[can.Message]:
         """Return the frame on which all drives take their sample; [] if the bus has none."""
-        return [m for s in self._sync for m in _messages(s, counter, device_us, np.zeros(s.shape))]
+        if self._sync is None:
+            return []
+        payload = self._sync_layout.encode(self._sync.head_values(counter, device_us))
+        return [_message(self._sync, payload)]
+
+    @cached_property
+    def _sync_layout(self) -> SignalLayout:
+        assert self._sync is not None
+        head = self._sync.head
+        factors = [1 / float(signal.scale) for signal in head]
+        return SignalLayout([(signal, 0) for signal in head], self._sync.size, factors)
 
     def encode(
         self, name: str, counter: int, device_us: int, *quantities: ArrayLike
@@ -155,7 +167,8 @@ class BusDescription:
         least, greatest = group.limits
         if name == 'electrical' and not ((values >= least) & (values <= greatest)).all():
             values[2] = _flag(values[:2], least[:2], greatest[:2], values[2])
-        return _messages(group, counter, device_us, values)
+        payloads = group.encode(counter, device_us, values)
+        return [_message(frame, data) for frame, data in zip(group.frames, payloads, strict=True)]
 
     def quantise(self, name: str, *quantities: ArrayLike) -> list[Floats]:
         """Return the first quantities of a group, each [..., D], as they are received.
@@ -191,21 +204,15 @@ def load_database(path: Path) -> Database:
     return database
 
 
-def _messages(
-    group: FrameGroup, counter: int, device_us: int, values: Floats
-) -> list[can.Message]:
-    payloads = group.encode(counter, device_us, values)
-    return [
-        can.Message(
-            arbitration_id=frame.identifier,
-            is_extended_id=frame.is_extended,
-            is_fd=frame.message.is_fd,
-            bitrate_switch=frame.message.is_fd,
-            data=payload,
-            check=False,
-        )
-        for frame, payload in zip(group.frames, payloads, strict=True)
-    ]
+def _message(frame: Frame, payload: bytes) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.identifier,
+        is_extended_id=frame.is_extended,
+        is_fd=frame.message.is_fd,
+        bitrate_switch=frame.message.is_fd,
+        data=payload,
+        check=False,
+    )
 
 
 def _flag(values: Floats, least: Floats, greatest: Floats, status: Floats) -> Floats:

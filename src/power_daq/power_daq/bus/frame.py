@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from cantools.database.can.database import Database
@@ -49,10 +49,10 @@ class Frame:
         slot: int,
     ) -> None:
         self.group, self.slot = group, slot
-        messages = database.messages
-        message = _named(messages, entry.message, f'mapping {entry.where}: message', 'the DBC')
-        self.message: Message = message
-        self.name, self.identifier = message.name, message.frame_id
+        message = find_message(database, entry)
+        self.message = message
+        self.name = message.name
+        self.identifier = message.frame_id
         if entry.node is not None and nodes is not None:
             number, drive = entry.node
             self.identifier |= number << nodes.shift
@@ -94,19 +94,27 @@ class Frame:
         return values if self.selector is None else [*values, self.selector[1]]
 
 
+def find_message(database: Database, entry: FrameMapping) -> Message:
+    """Return the message of an entry; InputError lists the messages of the DBC."""
+    for message in database.messages:
+        if message.name == entry.message:
+            return message
+    names = ', '.join(message.name for message in database.messages)
+    raise InputError(
+        f'mapping {entry.where}: message {entry.message!r} is not in the DBC; there are {names}'
+    )
+
+
 def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
     """Return the signal of a message; InputError lists its signals."""
-    what = f'mapping {entry.where}: signal'
-    signal: Signal = _named(message.signals, name, what, f'message {message.name!r}')
-    return signal
-
-
-def _named(items: Sequence[Any], name: str, what: str, place: str) -> Any:
-    for item in items:
-        if item.name == name:
-            return item
-    names = ', '.join(item.name for item in items)
-    raise InputError(f'{what} {name!r} is not in {place}; there are {names}')
+    for signal in message.signals:
+        if signal.name == name:
+            return signal
+    names = ', '.join(signal.name for signal in message.signals)
+    raise InputError(
+        f'mapping {entry.where}: signal {name!r} is not in message {message.name!r}; '
+        f'there are {names}'
+    )
 
 
 def _check_head(time: Signal, counter: Signal, entry: FrameMapping) -> None:
@@ -180,7 +188,7 @@ def check_shared(entry: FrameMapping) -> None:
 
 
 class FrameGroup:
-    """The frames of one sample of Q quantities of D drives; both are 0 of a sync frame.
+    """The frames of one sample of Q quantities of D drives.
 
     Values are [Q, D] in SI units, in the order of `quantities` and `drives`; columns are the
     drives' indices among all drives of the bus; slots [Q, D] are the indices of the frames that
@@ -198,7 +206,7 @@ class FrameGroup:
         self.columns = np.array([drives.index(drive) for drive in self.drives], np.intp)
         mapped = {q for entry in mapping.frames for _, q, _ in entry.quantities()}
         optional = [q for q in OPTIONAL.get(self.name, ()) if q in mapped or q != 'power']
-        self.quantities = (*REQUIRED.get(self.name, ()), *optional)
+        self.quantities = (*REQUIRED[self.name], *optional)
         self.torque_at: dict[str, str] = {}
         self.torque_unit: dict[str, str] = {}
         self.frames = tuple(
@@ -218,7 +226,8 @@ class FrameGroup:
                 slots.append(frame.slot)
                 is_scaled = given.scale is not None
                 if not is_scaled and is_current(quantity, given.unit or signal.unit or ''):
-                    self.torque_unit[drive], self.torque_at[drive] = 'A', 'motor'
+                    self.torque_unit[drive] = 'A'
+                    self.torque_at[drive] = 'motor'
                 elif given.at:
                     self.torque_at[drive] = given.at
             check_shared(entry)

@@ -149,13 +149,12 @@ class GroupMapping:
 class BusMapping:
     """Content of a mapping file; groups are some of electrical, joints and temperature.
 
-    sync: a group of one frame without drives. poll: protocol of queries that the nodes answer;
-    None where devices send by themselves.
+    poll: protocol of queries that the nodes answer; None where devices send by themselves.
     """
 
     path: Path
     device: str
-    sync: GroupMapping | None
+    sync: FrameMapping | None
     groups: Mapping[str, GroupMapping]
     nodes: NodeNumbers | None = None
     poll: str | None = None
@@ -189,10 +188,7 @@ def load_mapping(path: Path, nodes: Mapping[str, int] | None = None) -> BusMappi
     }
     if not groups:
         raise InputError(f'mapping {path}: maps nothing; give at least one of {_listed(REQUIRED)}')
-    sync = None
-    if file.sync is not None:
-        frame = FrameMapping(f'{path}: sync', **vars(file.sync))
-        sync = GroupMapping('sync', 0.0, (frame,))
+    sync = None if file.sync is None else FrameMapping(f'{path}: sync', **vars(file.sync))
     return BusMapping(path, file.device or path.stem, sync, groups, numbers, file.poll)
 
 

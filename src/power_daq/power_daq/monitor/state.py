@@ -215,8 +215,8 @@ class MonitorState:
 
     def _budget(self, now: float) -> RecentBudget:
         drives, supply = (
-            nan if self._fresh(topic, Samples, now) is None else meter.recent.value
-            for topic, meter in self._meters.items()
+            nan if self._fresh(topic, Samples, now) is None else self._meters[topic].recent.value
+            for topic in ('drive_supply', 'supply')
         )
         found = [
             parts_of(report.figures)

@@ -30,7 +30,8 @@ class WatchNode(Node):
         """battery: energy in it at the start, Wh, NaN where it is not known."""
         super().__init__('watch')
         self.done: Future = Future()
-        self._show, self._duration = show, duration
+        self._show = show
+        self._duration = duration
         self._state = MonitorState(time.monotonic(), battery)
         self._topics = {
             topic: PolledTopic[bytes](self, message_class(TYPES[topic]), topic, _QOS, raw=True)

@@ -65,10 +65,14 @@ def quantity(answer: str, unit: str) -> float:
 
 def measured(answer: str) -> SupplyMeasurement:
     """Parse the answer to `MEAS:ARR?`: V, A and W in this order; else AnswerError."""
+    parts = answer.split(',')
+    if len(parts) != len(SupplyMeasurement._fields):
+        raise AnswerError(answer, 'a voltage, a current and a power')
     try:
-        parts = zip(answer.split(','), 'VAW', strict=True)
-        return SupplyMeasurement(*(quantity(part, unit) for part, unit in parts))
-    except ValueError as error:
+        return SupplyMeasurement(
+            *(quantity(part, unit) for part, unit in zip(parts, 'VAW', strict=True))
+        )
+    except AnswerError as error:
         raise AnswerError(answer, 'a voltage, a current and a power') from error
 
 

@@ -93,12 +93,12 @@ class _Mean:
 
     total: Floats | float = 0.0
     count: int = 0
-    first: float = math.inf
+    first: int = 0
     last: int = 0
 
     def add(self, stamp: int, last: int, power: Floats | float, count: int) -> None:
         """Add a sum over count samples that begin at stamp and end at last, ns."""
-        self.first = min(self.first, stamp)
+        self.first = stamp if not self.count else min(self.first, stamp)
         self.last = max(self.last, last)
         self.total = self.total + power
         self.count += count

@@ -66,7 +66,8 @@ class Poller(DeviceWorker):
         prepare: Callable[[Instrument], None] | None = None,
     ) -> None:
         self.state = PollState()
-        self._connect, self._sink, self._log, self._prepare = connect, sink, log, prepare
+        self._connect, self._sink, self._log = connect, sink, log
+        self._prepare = prepare
         self._slots = Slots(1.0 / rate)
         self.ros_time = RosTime()
         self._next_check = 0.0

@@ -35,7 +35,8 @@ class TopicsHealth:
             for name in source.groups:
                 figures[f'{name} rate [Hz]'] = f'{news[f"{name} samples"] / span:.1f}'
         figures |= {name: f'{count:.0f}' for name, count in counts.items()}
-        return Report(*self._judge(news, span, present), figures)
+        level, sentence = self._judge(news, span, present)
+        return Report(level, sentence, figures)
 
     def _judge(
         self, news: dict[str, float], span: float, present: Sequence[str]
