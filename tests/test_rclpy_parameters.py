@@ -82,3 +82,33 @@ def test_wrong_uses_of_parameters_raise_parameter_exceptions(ros_domain):
         ParameterNotDeclaredException,
     ):
         assert issubclass(kind, ParameterException)
+
+
+@pytest.mark.parametrize(
+    ('make', 'error'),
+    [
+        (lambda node: node.declare_parameter(3, 1), TypeError),
+        (lambda node: node.declare_parameter('made', 1, 'a descriptor'), TypeError),
+        (lambda node: node.declare_parameter('made', Parameter.Type.NOT_SET), ValueError),
+        (lambda node: node.declare_parameter('made', {}), TypeError),
+        (lambda node: node.declare_parameters('', [('made', 1, None, 2)]), TypeError),
+        (lambda node: node.set_parameters(['made']), TypeError),
+        (lambda node: Parameter('made', 'INTEGER', 1), TypeError),
+    ],
+)
+def test_what_cannot_be_a_parameter_is_refused(node, make, error):
+    with pytest.raises(error):
+        make(node)
+    assert not node.has_parameter('made')
+
+
+def test_a_parameter_declared_by_its_name_alone_is_warned_of(node):
+    with pytest.warns(UserWarning, match="'alone'.*only providing its name is deprecated"):
+        node.declare_parameter('alone')
+
+
+def test_a_callback_must_return_a_result(node):
+    node.declare_parameter('speed', 1.0)
+    node.add_on_set_parameters_callback(lambda parameters: True)
+    with pytest.raises((TypeError, AttributeError)):
+        node.set_parameters([Parameter('speed', value=2.0)])

@@ -11,5 +11,9 @@ class CallbackGroup:
         return True
 
 
+class MutuallyExclusiveCallbackGroup(CallbackGroup):
+    """Callbacks that never run at the same time."""
+
+
 class ReentrantCallbackGroup(CallbackGroup):
     """Callbacks that may run at the same time; here they do not, with one thread."""

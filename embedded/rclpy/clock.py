@@ -15,6 +15,8 @@ class Clock:
     def __new__(  # noqa: D102
         cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME
     ) -> 'Clock':
+        if not isinstance(clock_type, ClockType):
+            raise TypeError('Clock type must be a ClockType enum')
         kind: Any = ROSClock if clock_type is ClockType.ROS_TIME else cls
         self = object.__new__(kind)
         self.clock_type = clock_type
@@ -55,6 +57,8 @@ class ROSClock(Clock):
 
     def set_ros_time_override(self, value: Time) -> None:
         """Set the time that `now` returns while the time of /clock is active."""
+        if not isinstance(value, Time):
+            raise TypeError('Time must be specified as rclpy.time.Time.')
         if self._simulated is not None:
             self._simulated = value.nanoseconds
 

@@ -24,6 +24,8 @@ atexit.register(gc.freeze)
 
 def _domain_id(given: int | None) -> int:
     if given is not None:
+        if given < 0:
+            raise RuntimeError(f'Domain id ({given}) should not be lower than zero.')
         return given
     text = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not text.isdecimal() or int(text) > MAX_DOMAIN_ID:

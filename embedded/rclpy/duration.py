@@ -17,6 +17,9 @@ class Duration:
         if not -(2**63) <= self.nanoseconds < 2**63:
             raise OverflowError('Total nanoseconds value is too large to store in C duration.')
 
+    def __str__(self) -> str:
+        return 'Infinite' if self == Infinite else f'{self.nanoseconds} nanoseconds'
+
     def to_msg(self) -> Any:
         """Return the duration as builtin_interfaces/Duration."""
         seconds, nanoseconds = divmod(self.nanoseconds, 1_000_000_000)

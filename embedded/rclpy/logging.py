@@ -44,7 +44,9 @@ def get_logger_effective_level(name: str) -> LoggingSeverity:
 
 
 def get_logger(name: str) -> 'RcutilsLogger':
-    """Return the logger of this name."""
+    """Return the logger of this name; ValueError for an empty one."""
+    if not name:
+        raise ValueError('Logger name must not be empty.')
     return _loggers.setdefault(name, RcutilsLogger(name))
 
 

@@ -1,7 +1,6 @@
 """Parameters."""
 
 import array
-from contextlib import suppress
 from enum import Enum
 from typing import Any
 
@@ -59,6 +58,8 @@ class Parameter:
 
     def __init__(self, name: str, type_: 'Parameter.Type | None' = None, value: Any = None):
         kind = Parameter.Type.from_parameter_value(value) if type_ is None else type_
+        if not isinstance(kind, Parameter.Type):
+            raise TypeError(f"type must be an instance of '{Parameter.Type!r}'")
         if not kind.check(value):
             raise ValueError(f"Type '{kind}' and value '{value}' do not agree")
         self.type_ = kind
@@ -80,15 +81,19 @@ class Parameter:
         return message
 
 
-FIELDS = {kind.value: f'{kind.name.lower()}_value' for kind in [*Parameter.Type][1:]}
-"""Fields of ParameterValue by type; NOT_SET, the first, has none."""
+FIELDS = {
+    kind.value: f'{kind.name.lower()}_value'
+    for kind in Parameter.Type
+    if kind is not Parameter.Type.NOT_SET
+}
 
 
 def get_parameter_value(string_value: str) -> Any:
     """Parse text as YAML to a rcl_interfaces/ParameterValue; other text becomes a string."""
-    value = None
-    with suppress(yaml.YAMLError):
+    try:
         value = yaml.safe_load(string_value)
+    except yaml.YAMLError:
+        value = string_value
     try:
         return Parameter('', None, string_value if value is None else value).get_parameter_value()
     except TypeError:
@@ -99,5 +104,7 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
     """Return the Python value of a rcl_interfaces/ParameterValue; None if not set."""
     if parameter_value.type == ParameterType.PARAMETER_NOT_SET:
         return None
+    if parameter_value.type not in FIELDS:
+        raise RuntimeError(f'unexpected parameter type {parameter_value.type}')
     value = getattr(parameter_value, FIELDS[parameter_value.type])
     return list(value) if isinstance(value, SEQUENCES) else value

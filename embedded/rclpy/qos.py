@@ -1,14 +1,23 @@
 """Quality of service: profiles and policies."""
 
+import warnings
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 from cyclonedds.qos import Policy, Qos
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Infinite
 
 LONGEST_BLOCK_NS = 100_000_000
+
+
+class InvalidQoSProfileException(Exception):  # noqa: N818
+    """Raised when a profile is made of invalid arguments."""
+
+    def __init__(self, *args: object):
+        super().__init__('Invalid QoSProfile', *args)
 
 
 class QoSPolicyKind(IntEnum):
@@ -66,20 +75,68 @@ class LivelinessPolicy(IntEnum):
     MANUAL_BY_TOPIC = 3
 
 
-@dataclass(kw_only=True, slots=True)
-class QoSProfile:
-    """A set of policies; ROS 2 refuses one without `depth`, unless `history` is KEEP_ALL."""
+_ENUMS: dict[str, Any] = {
+    'history': HistoryPolicy,
+    'reliability': ReliabilityPolicy,
+    'durability': DurabilityPolicy,
+    'liveliness': LivelinessPolicy,
+}
 
-    depth: int = 10
-    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
-    history: HistoryPolicy = HistoryPolicy.KEEP_LAST
-    liveliness: LivelinessPolicy = LivelinessPolicy.SYSTEM_DEFAULT
-    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+
+@dataclass(init=False, repr=False, slots=True)
+class QoSProfile:
+    """A set of policies; InvalidQoSProfileException unless `depth` or `history` is given."""
+
+    depth: int
+    durability: DurabilityPolicy
+    history: HistoryPolicy
+    liveliness: LivelinessPolicy
+    reliability: ReliabilityPolicy
+
+    def __init__(self, **kwargs: Any):
+        unknown = sorted(set(kwargs) - set(self.__slots__))
+        assert not unknown, f'Invalid arguments passed to constructor: {unknown}'
+        if 'history' not in kwargs:
+            if 'depth' not in kwargs:
+                raise InvalidQoSProfileException('History and/or depth settings are required.')
+            kwargs['history'] = HistoryPolicy.KEEP_LAST
+        if kwargs['history'] == HistoryPolicy.KEEP_LAST and 'depth' not in kwargs:
+            raise InvalidQoSProfileException('History set to KEEP_LAST without a depth setting.')
+        self.history = kwargs.pop('history')
+        self.depth = kwargs.pop('depth', 10)
+        self.reliability = ReliabilityPolicy.RELIABLE
+        self.durability = DurabilityPolicy.VOLATILE
+        self.liveliness = LivelinessPolicy.SYSTEM_DEFAULT
+        for name, value in kwargs.items():
+            setattr(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _ENUMS:
+            assert isinstance(value, int)
+            value = _ENUMS[name](value)
+        elif name == 'depth':
+            assert isinstance(value, int)
+            if value == 0 and self.history == HistoryPolicy.KEEP_LAST:
+                warnings.warn(
+                    "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                    'This will be interpreted as SYSTEM_DEFAULT',
+                    stacklevel=3,
+                )
+        object.__setattr__(self, name, value)
+
+    def __str__(self) -> str:
+        shown = ', '.join(f'{name}={getattr(self, name)}' for name in self.__slots__)
+        return f'QoSProfile({shown})'
 
 
 def profile_of(qos: QoSProfile | int) -> QoSProfile:
-    """Return a profile as given, or a default one of a depth; TypeError, ValueError otherwise."""
+    """Return a profile as given, or a default one of a depth; TypeError, ValueError otherwise.
+
+    RCLError for a profile of negative depth, which only what is made of it refuses.
+    """
     if isinstance(qos, QoSProfile):
+        if qos.depth < 0:
+            raise RCLError('unsupported history depth')
         return qos
     if isinstance(qos, bool) or not isinstance(qos, int):
         raise TypeError(f'Expected QoSProfile or int, but received {type(qos)!r}')

@@ -1,6 +1,5 @@
 """Points in time of nanosecond resolution, each on one kind of clock."""
 
-from dataclasses import dataclass
 from functools import total_ordering
 from typing import Any, overload
 
@@ -11,12 +10,10 @@ from rclpy.duration import Duration
 
 
 @total_ordering
-@dataclass(init=False, eq=False, slots=True)
 class Time:
     """A point in time; times of different clocks do not compare."""
 
-    nanoseconds: int
-    clock_type: ClockType
+    __slots__ = ('clock_type', 'nanoseconds')
 
     def __init__(
         self,
@@ -31,10 +28,14 @@ class Time:
             raise ValueError('Seconds value must not be negative')
         if nanoseconds < 0:
             raise ValueError('Nanoseconds value must not be negative')
-        self.nanoseconds = int(seconds * 1_000_000_000) + int(nanoseconds)
-        if self.nanoseconds >= 2**63:
+        total = int(seconds * 1_000_000_000) + int(nanoseconds)
+        if total >= 2**63:
             raise OverflowError('Total nanoseconds value is too large to store in C time point.')
+        self.nanoseconds: int = total
         self.clock_type = clock_type
+
+    def __repr__(self) -> str:
+        return f'Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})'
 
     def __hash__(self) -> int:
         return hash((self.nanoseconds, self.clock_type))
@@ -43,6 +44,8 @@ class Time:
         if not isinstance(other, Duration):
             return NotImplemented
         total = self.nanoseconds + other.nanoseconds
+        if total >= 2**63:
+            raise OverflowError('Addition leads to overflow in C storage.')
         return Time(nanoseconds=total, clock_type=self.clock_type)
 
     __radd__ = __add__
@@ -57,6 +60,8 @@ class Time:
             return Duration(nanoseconds=self.nanoseconds - other.nanoseconds)
         if isinstance(other, Duration):
             total = self.nanoseconds - other.nanoseconds
+            if total < 0:
+                raise ValueError('Subtraction leads to negative time')
             return Time(nanoseconds=total, clock_type=self.clock_type)
         return NotImplemented
 
@@ -84,4 +89,6 @@ class Time:
     @classmethod
     def from_msg(cls, msg: Any, clock_type: ClockType = ClockType.ROS_TIME) -> 'Time':
         """Make a time of builtin_interfaces/Time."""
+        if not isinstance(msg, TimeMsg):
+            raise TypeError('Must pass a builtin_interfaces.msg.Time object')
         return cls(nanoseconds=msg.sec * 1_000_000_000 + msg.nanosec, clock_type=clock_type)

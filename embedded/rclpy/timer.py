@@ -22,12 +22,24 @@ class Timer:
             raise ValueError('timer period must not be negative')
         self.callback = callback
         self.clock = clock
-        self.timer_period_ns = timer_period_ns
+        self._period = int(timer_period_ns)
         self._canceled = not autostart
         self._destroyed = False
         self._last = clock.nanoseconds()
-        self._next = self._last + self.timer_period_ns
+        self._next = self._last + self._period
         self._wake: Callable[[], None] | None = None
+
+    @property
+    def timer_period_ns(self) -> int:
+        """Period in ns."""
+        return self._period
+
+    @timer_period_ns.setter
+    def timer_period_ns(self, value: int) -> None:
+        if value < 0:
+            raise ValueError('timer period must not be negative')
+        self._period = int(value)
+        self._changed()
 
     def _changed(self) -> None:
         if self._destroyed:
@@ -47,7 +59,7 @@ class Timer:
     def reset(self) -> None:
         """Start the period anew, also after cancel."""
         self._canceled = False
-        self._next = self.clock.nanoseconds() + self.timer_period_ns
+        self._next = self.clock.nanoseconds() + self._period
         self._changed()
 
     def destroy(self) -> None:
@@ -64,7 +76,7 @@ class Timer:
     def _jumped(self) -> None:
         """Start the period anew after the clock was switched to another source of time."""
         self._last = self.clock.nanoseconds()
-        self._next = self._last + self.timer_period_ns
+        self._next = self._last + self._period
 
     def _advance(self) -> bool:
         """Take note of a call that is due; return whether it is."""
@@ -76,8 +88,9 @@ class Timer:
                 self._jumped()
             return False
         self._last = now
-        period = self.timer_period_ns
-        self._next += period
-        if self._next < now:  # the first multiple of the period that is not past
-            self._next += -(-(now - self._next) // period) * period if period else now - self._next
+        self._next += self._period
+        if self._next < now:
+            behind = now - self._next
+            periods = 1 + (behind - 1) // self._period if self._period else 0
+            self._next = self._next + periods * self._period if periods else now
         return True

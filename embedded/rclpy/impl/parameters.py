@@ -3,6 +3,7 @@
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -11,6 +12,7 @@ from rcl_interfaces.msg import (
     ListParametersResult,
     ParameterDescriptor,
     ParameterType,
+    ParameterValue,
     SetParametersResult,
 )
 
@@ -22,7 +24,7 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 OnSet = Callable[[list[Parameter]], Any]
 RELATIVE_TOLERANCE = 1e-6
@@ -73,44 +75,65 @@ class Parameters:
         Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException if the override has
         another type, InvalidParameterValueException if a callback or range refuses it.
         """
-        if descriptor is None:
-            descriptor = ParameterDescriptor(dynamic_typing=value is None)
-        return self.declare_parameters('', [(name, value, descriptor)])[0]
+        given = ParameterDescriptor() if descriptor is None else descriptor
+        if value is None and descriptor is None:
+            given.dynamic_typing = True
+            warnings.warn(
+                f"when declaring parameter named '{name}', declaring a parameter only providing "
+                'its name is deprecated. Pass a value, a type or a descriptor with '
+                '`dynamic_typing=True`',
+                stacklevel=2,
+            )
+        return self.declare_parameters('', [(name, value, given)])[0]
 
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]]
     ) -> list[Parameter]:
         """Declare parameters given as tuples (name, value or type, descriptor); return them.
 
-        namespace: prefix of the names. Raises as `declare_parameter` does.
+        namespace: prefix of the names. TypeError for other tuples, else as `declare_parameter`.
         """
         declared: list[tuple[Parameter, Any]] = []
-        for name, default, *given in parameters:
+        for index, entry in enumerate(parameters):
+            if not 1 <= len(entry) <= 3:
+                raise TypeError(
+                    f'Invalid parameter tuple length at index {index} in parameters list: '
+                    f'{entry}; expecting length between 1 and 3'
+                )
+            name = entry[0]
+            if not isinstance(name, str):
+                raise TypeError(
+                    f'First element {name} at index {index} in parameters list is not a str.'
+                )
             name = f'{namespace}.{name}' if namespace else name
             if not re.fullmatch(r'[^\s].*', name):
                 raise InvalidParameterException(name)
-            descriptor = given[0] if given else ParameterDescriptor()
-            value = self._typed(default, descriptor)
+            descriptor = entry[2] if len(entry) > 2 else ParameterDescriptor()
+            if not isinstance(descriptor, ParameterDescriptor):
+                raise TypeError(
+                    f'Third element {descriptor} at index {index} in parameters list '
+                    'is not a ParameterDescriptor.'
+                )
+            value = self._typed(name, entry[1] if len(entry) > 1 else None, descriptor)
             value = self._parameter_overrides.get(name, value)
             declared.append((Parameter(name, value=value), descriptor))
         known = [parameter.name for parameter, _ in declared if parameter.name in self._parameters]
         if known:
             raise ParameterAlreadyDeclaredException(known)
         for parameter, descriptor in declared:
-            result = self._apply([parameter], {parameter.name: descriptor}, declaring=True)
-            if result.reason.startswith('Wrong parameter type'):
-                expected = Parameter.Type(descriptor.type).name
-                raise InvalidParameterTypeException(parameter, expected)
-            if not result.successful:
-                raise InvalidParameterValueException(
-                    parameter.name, parameter.value, result.reason
-                )
+            self._declare(parameter, descriptor)
         return [self._parameters[parameter.name] for parameter, _ in declared]
 
     @staticmethod
-    def _typed(default: Any, descriptor: Any) -> Any:
+    def _typed(name: str, default: Any, descriptor: Any) -> Any:
         """Note the type in the descriptor and return the default value."""
+        if isinstance(default, ParameterValue):
+            default = parameter_value_to_python(default)
         if isinstance(default, Parameter.Type):
+            if default is Parameter.Type.NOT_SET:
+                raise ValueError(
+                    f'Cannot declare parameter {{{name}}} as statically typed of type NOT_SET'
+                )
             descriptor.type = default.value
             return None
         if not descriptor.dynamic_typing:
@@ -121,6 +144,14 @@ class Parameters:
                     'of type PARAMETER_NOT_SET'
                 )
         return default
+
+    def _declare(self, parameter: Parameter, descriptor: Any) -> None:
+        result = self._apply([parameter], {parameter.name: descriptor}, declaring=True)
+        if not result.successful:
+            if result.reason.startswith('Wrong parameter type'):
+                expected = Parameter.Type(descriptor.type).name
+                raise InvalidParameterTypeException(parameter, expected)
+            raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
 
     def has_parameter(self, name: str) -> bool:
         """Tell whether a parameter is declared."""
@@ -153,6 +184,8 @@ class Parameters:
         return self._apply(parameter_list, self._descriptors)
 
     def _check_declared(self, parameter_list: list[Parameter]) -> None:
+        if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
+            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         unknown = [p.name for p in parameter_list if p.name not in self._parameters]
         if unknown:
             raise ParameterNotDeclaredException(unknown)
@@ -166,6 +199,8 @@ class Parameters:
                 return SetParametersResult(successful=False, reason=reason)
         for callback in self._on_set:
             result = callback(parameter_list)
+            if not isinstance(result, SetParametersResult):
+                raise TypeError(f'Callback returned an invalid type: {type(result)}')
             if not result.successful:
                 return result
         for parameter in parameter_list:
