@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context
@@ -52,6 +52,7 @@ class Node(Parameters):
         given |= {parameter.name: parameter.value for parameter in parameter_overrides or []}
         super().__init__(given)
         self._logger = get_logger(self.get_fully_qualified_name()[1:].replace('/', '.'))
+        self._default_callback_group = MutuallyExclusiveCallbackGroup()
         self._entities: dict[type, list[Any]] = {kind: [] for kind in (*ENDPOINTS, Timer)}
         self._executor: Any = None
         self._destroyed = False
@@ -133,11 +134,14 @@ class Node(Parameters):
 
     def _tell(self) -> None:
         """Tell others of the endpoints that the node has now."""
-        gids = [entity.gids for kind in ENDPOINTS for entity in self._entities[kind]]
-        self._graph_entry.readers = [gid for readers, _ in gids for gid in readers]
-        self._graph_entry.writers = [gid for _, writers in gids for gid in writers]
-        if self._context._graph is not None:
-            self._context._graph.publish()
+        graph = self._context._graph
+        if graph is None:
+            return
+        with graph.lock:  # what another thread makes meanwhile is told by its own call
+            gids = [entity.gids for kind in ENDPOINTS for entity in self._entities[kind]]
+            self._graph_entry.readers = [gid for readers, _ in gids for gid in readers]
+            self._graph_entry.writers = [gid for _, writers in gids for gid in writers]
+            graph.publish()
 
     def _alive(self) -> None:
         if self._destroyed:
@@ -169,12 +173,11 @@ class Node(Parameters):
         profile = profile_of(qos_profile)
         self._alive()
         name = self._resolve(topic, False)
-        group = callback_group or CallbackGroup()
-        return self._add(
-            Subscription(
-                self, msg_type, name, topic, callback, group, profile, raw, event_callbacks
-            )
+        group = callback_group or self._default_callback_group
+        made = Subscription(
+            self, msg_type, name, topic, callback, group, profile, raw, event_callbacks
         )
+        return self._add(made)
 
     def create_timer(
         self,

@@ -79,7 +79,7 @@ class Graph:
 
     def __init__(self, participant: Participant):
         self._participant = participant
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
         self.nodes: list[NodeEntities] = []
         self._raw: Any = raw_type(TYPE)
         self._writer: Any = participant.writer(TOPIC, TYPE, _qos(1))
@@ -101,7 +101,7 @@ class Graph:
         def gid(data: bytes) -> Any:
             return make_gid(data=list(data))
 
-        with self._lock:
+        with self.lock:
             if self._writer is None:
                 return
             nodes = [
@@ -120,7 +120,9 @@ class Graph:
         if self._reader is None:
             self._reader = self._participant.reader(TOPIC, TYPE, _qos(1000))
             dds = self._participant.dds
-            self._builtin = {kind: BuiltinDataReader(dds, t) for kind, t in BUILTIN.items()}
+            self._builtin = {
+                kind: BuiltinDataReader(dds, topic) for kind, topic in BUILTIN.items()
+            }
 
     def _alive(self, kind: str) -> list[Any]:
         self._listen()
@@ -129,7 +131,7 @@ class Graph:
 
     def participants(self) -> list[NodeEntities]:
         """Return the nodes of all living participants, this process's own included."""
-        with self._lock:
+        with self.lock:
             self._listen()
             cls = message_class('rmw_dds_common', 'ParticipantEntitiesInfo')
             while samples := self._reader.take(100):
@@ -154,11 +156,13 @@ class Graph:
 
     def endpoints(self, kind: str) -> list[Endpoint]:
         """Return all readers (`reader`) or writers (`writer`) of the domain."""
-        with self._lock:
-            return [
-                Endpoint(s.key.bytes, *ros_name(s.topic_name), ros_type(s.type_name), s.qos)
-                for s in self._alive(kind)
-            ]
+        with self.lock:
+            found = []
+            for sample in self._alive(kind):
+                name_kind, name = ros_name(sample.topic_name)
+                type_name = ros_type(sample.type_name)
+                found.append(Endpoint(sample.key.bytes, name_kind, name, type_name, sample.qos))
+            return found
 
     def topics(self) -> dict[str, list[str]]:
         """Return the type names of each topic, by absolute topic name."""
