@@ -43,12 +43,15 @@ class IncompatibleQos:
         self.entity = endpoint
         self._text = REQUESTED if is_reader else OFFERED
         self._topic, self._events, self._logger = topic, events, logger
-        side = 'requested' if is_reader else 'offered'
-        self._status = getattr(endpoint, f'get_{side}_incompatible_qos_status')
-        endpoint.set_status_mask(getattr(DDSStatus, f'{side.title()}IncompatibleQos'))
+        if is_reader:
+            self._status = endpoint.get_requested_incompatible_qos_status
+            endpoint.set_status_mask(DDSStatus.RequestedIncompatibleQos)
+        else:
+            self._status = endpoint.get_offered_incompatible_qos_status
+            endpoint.set_status_mask(DDSStatus.OfferedIncompatibleQos)
 
     def check(self) -> list[Any]:
-        """Call back, or log a warning, if new incompatible peers appeared; return []."""
+        """Call back, or log a warning, if new incompatible peers appeared; leave nothing due."""
         status = self._status()
         if status.total_count_change <= 0:
             return []

@@ -62,7 +62,8 @@ class SingleThreadedExecutor:
         """Interrupt waiting; `changed`: nodes have new or fewer entities (timers, topics …)."""
         if changed:
             self._stale = True
-        if (guard := self._guard) is not None:
+        guard = self._guard  # another thread may release it meanwhile
+        if guard is not None:
             guard.set(True)
 
     def forget(self) -> None:
@@ -94,7 +95,11 @@ class SingleThreadedExecutor:
                 self._guard = GuardCondition(self.context.participant.dds)
                 self._wait_set = EntityWaitSet(self.context.participant)
                 self._wait_set.attach(self._guard)
-            wanted = {id(pair[0]): pair for node in self._nodes for pair in node._conditions()}
+            wanted = {
+                id(entity): (entity, take)
+                for node in self._nodes
+                for entity, take in node._conditions()
+            }
             timers = [timer for node in self._nodes for timer in node.timers]
             for key in self._takers.keys() - wanted.keys():
                 self._wait_set.detach(self._takers[key][0])
@@ -107,8 +112,10 @@ class SingleThreadedExecutor:
         if deadline is not None:
             wait = min(wait, deadline - time.monotonic_ns())
         for timer in self._timers:
-            if timer._follows_wall_time() and (left := timer.time_until_next_call()) is not None:
-                wait = min(wait, left)
+            if timer._follows_wall_time():
+                left = timer.time_until_next_call()
+                if left is not None:
+                    wait = min(wait, left)
         return max(wait, 0)
 
     def _collect(self, deadline: int | None) -> None:
@@ -125,8 +132,10 @@ class SingleThreadedExecutor:
         for entity in triggered:
             if entity is guard:
                 guard.set(False)
-            elif (found := self._takers.get(id(entity))) is not None:
-                self._ready.extend(found[1]())
+                continue
+            _, take = self._takers.get(id(entity), (None, None))
+            if take is not None:
+                self._ready.extend(take())
 
     def _work(self, deadline: int | None) -> bool:
         """Run one callback, after waiting for it; False at the deadline."""
@@ -145,7 +154,7 @@ class SingleThreadedExecutor:
 
     def create_task(self, callback: Callable[[], Any]) -> None:
         """Schedule a callback to run once in the spinning thread; callable from any thread."""
-        self._ready.append((lambda task: task(), callback))
+        self._ready.append((_call, callback))
         self.wake()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
@@ -177,6 +186,10 @@ def _deadline(timeout_sec: float | None) -> int | None:
     if timeout_sec is None or timeout_sec < 0:
         return None
     return time.monotonic_ns() + int(timeout_sec * 1e9)
+
+
+def _call(callback: Callable[[], Any]) -> None:
+    callback()
 
 
 def _call_timer(timer: Timer) -> None:

@@ -4,7 +4,6 @@ import inspect
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any, Self
 
 from rosidl_embedded import codec
@@ -74,9 +73,11 @@ def takes_info(callback: Callable[..., Any]) -> bool:
     """Return True for a callback (message, info), False for (message); else RuntimeError."""
     signature = inspect.signature(callback)
     for arguments in (1, 2):
-        with suppress(TypeError):
+        try:
             signature.bind(*[object()] * arguments)
-            return arguments == 2
+        except TypeError:
+            continue
+        return arguments == 2
     raise RuntimeError(
         'Subscription.__init__(): callback should be either be callable with one argument'
         '(to get only the message) or two (to get message and message info)'
@@ -121,8 +122,10 @@ class Subscription:
     def _conditions(self) -> list[tuple[Any, Any]]:
         if self._event is None:
             return []
-        served = [(self._unread, self._take)] if self.callback_group.can_execute(self) else []
-        return [*served, (self._event.entity, self._event.check)]
+        found = [(self._event.entity, self._event.check)]
+        if self.callback_group.can_execute(self):
+            found.append((self._unread, self._take))
+        return found
 
     def _take(self) -> list[tuple[Any, Any]]:
         """Return the callbacks that are due, each with its sample."""
@@ -135,8 +138,12 @@ class Subscription:
         if self._reader is None:
             return
         message = decoded(sample, self.msg_type, self.raw, self.topic, self._logger)
-        if message is not None:
-            self.callback(message, *([message_info(sample)] if self._with_info else []))
+        if message is None:
+            return
+        if self._with_info:
+            self.callback(message, message_info(sample))
+        else:
+            self.callback(message)
 
     def destroy(self) -> None:
         """Release the DDS reader."""

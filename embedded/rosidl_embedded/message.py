@@ -114,18 +114,24 @@ class Message:
     def __eq__(self, other: object) -> bool:
         if other.__class__ is not self.__class__:
             return False
-        names = self._fields_and_field_types
-        pairs = ((getattr(self, name), getattr(other, name)) for name in names)
-        return all(
-            np.array_equal(a, b) if np.ndarray in (type(a), type(b)) else a == b for a, b in pairs
-        )
+        for name in self._fields_and_field_types:
+            mine, its = getattr(self, name), getattr(other, name)
+            if isinstance(mine, np.ndarray) or isinstance(its, np.ndarray):
+                if not np.array_equal(mine, its):
+                    return False
+            elif mine != its:
+                return False
+        return True
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         package, kind, name = self._type_name.split('/')
-        values = [(field, getattr(self, field)) for field in self._fields_and_field_types]
-        parts = [f'{f}={v.tolist() if isinstance(v, NumericArray) else v!r}' for f, v in values]
+        parts = []
+        for field in self._fields_and_field_types:
+            value = getattr(self, field)
+            shown = value.tolist() if isinstance(value, NumericArray) else value
+            parts.append(f'{field}={shown!r}')
         return f'{package}.{kind}.{name}({", ".join(parts)})'
 
 
@@ -169,8 +175,9 @@ class _Field:
             self.wire, self.receive = f'_wire_{self.name}', f'bytes(({self.name} & 255,))'
             self.send = partial(int.from_bytes, byteorder='little', signed=True)
         else:
+            value = definitions.DEFAULTS.get((type_name, self.name))
             usual = SCALAR_DEFAULTS.get(str(desc[1][0]), '0')
-            self.default = str(definitions.DEFAULTS.get((type_name, self.name), usual))
+            self.default = usual if value is None else repr(value)
 
     def _numbers(self, typecode: str, desc: FieldDesc) -> None:
         self.slot = self.wire = f'_{self.name}'

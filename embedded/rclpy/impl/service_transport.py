@@ -26,13 +26,15 @@ class ServiceEnd:
     ):
         codec.warm(srv_type.Request)
         codec.warm(srv_type.Response)
-        ends = [(f'rq{name}Request', srv_type.Request), (f'rr{name}Reply', srv_type.Response)]
-        (topic_in, self._incoming), (topic_out, outgoing) = ends if is_server else ends[::-1]
+        request, reply = f'rq{name}Request', f'rr{name}Reply'
+        self._incoming = srv_type.Request if is_server else srv_type.Response
+        outgoing = srv_type.Response if is_server else srv_type.Request
+        topic_in, topic_out = (request, reply) if is_server else (reply, request)
         name_in, name_out = self._incoming._type_name, outgoing._type_name
         user_data = f'{"serviceid" if is_server else "clientid"}={participant.next_end_id()};'
         self._raw: Any = raw_type(name_out)
-        self._writer = participant.writer(topic_out, name_out, qos, user_data)
-        self.reader = participant.reader(topic_in, name_in, qos, user_data)
+        self._writer: Any = participant.writer(topic_out, name_out, qos, user_data)
+        self.reader: Any = participant.reader(topic_in, name_in, qos, user_data)
         self.unread = unread(self.reader)
         self.gids: Gids = [self.reader.guid.bytes], [self._writer.guid.bytes]
         self.handle = self._writer.instance_handle & 0xFFFF_FFFF_FFFF_FFFF

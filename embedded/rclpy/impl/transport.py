@@ -50,10 +50,13 @@ def raw_type(type_name: str) -> type[IdlStruct]:
     """Return the DDS type of `pkg/msg/Name`, whose samples are uninterpreted CDR bytes."""
     package, kind, name = type_name.split('/')
     dds_name = f'{package}::{kind}::dds_::{name}_'
-    idl: Any = make_idl_struct('Raw', dds_name, {'structure': uint8}, dataclassify=False)
-    idl.__init__, idl.serialize = RawSample.__init__, RawSample.serialize
-    idl.deserialize = idl.deserialize_key = classmethod(lambda cls, data, **_: Sample(data))
-    return idl  # type: ignore[no-any-return]
+    idl = make_idl_struct('Raw', dds_name, {'structure': uint8}, dataclassify=False)
+    members = {'serialize': RawSample.serialize, '__init__': RawSample.__init__}
+    for member, function in members.items():
+        setattr(idl, member, function)
+    for member in ('deserialize', 'deserialize_key'):
+        setattr(idl, member, classmethod(lambda cls, data, **_: Sample(data)))
+    return idl
 
 
 def domain_configuration() -> str:
@@ -117,11 +120,15 @@ class Participant:
             topic = self._topics[name, type_name] = Topic(self.dds, name, raw_type(type_name))
         return topic
 
-    def writer(self, name: str, type_name: str, qos: QoSProfile, user_data: str = '') -> Any:
+    def writer(
+        self, name: str, type_name: str, qos: QoSProfile, user_data: str = ''
+    ) -> DataWriter:
         """Make a writer of a DDS topic, such as `rt/joint_states`; type_name: `pkg/msg/Name`."""
         return DataWriter(self.dds, self._topic(name, type_name), _qos(qos, type_name, user_data))
 
-    def reader(self, name: str, type_name: str, qos: QoSProfile, user_data: str = '') -> Any:
+    def reader(
+        self, name: str, type_name: str, qos: QoSProfile, user_data: str = ''
+    ) -> DataReader:
         """Make a reader of a DDS topic, such as `rt/joint_states`; type_name: `pkg/msg/Name`."""
         return DataReader(self.dds, self._topic(name, type_name), _qos(qos, type_name, user_data))
 
