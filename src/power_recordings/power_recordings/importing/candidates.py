@@ -290,7 +290,7 @@ def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
             kinds[key].add(c.quantity)
             if c.quantity in _MOTION:
                 alike[c.quantity, c.address.replace(key, '*')].add(key)
-    rows = set[str]().union(*(keys for keys in alike.values() if len(keys) > 1))
+    rows = {key for keys in alike.values() if len(keys) > 1 for key in keys}
     drives = {
         key: f'DRIVE_{key}' if key.isdigit() else key
         for key, own in kinds.items()

@@ -70,6 +70,7 @@ class _Buffer:
     """The rows of one stream that are still needed."""
 
     def __init__(self, width: int) -> None:
+        self.width = width
         self.stamps: Stamps = np.zeros(0, np.int64)
         self.values: Floats = np.zeros((0, width))
         self.longest = 0.0  # ns, of steps that are no gaps
@@ -82,10 +83,10 @@ class _Buffer:
 
     def at(self, stamps: Stamps) -> Floats:
         """Linear interpolation, NaN outside the rows and in gaps."""
-        result = np.full((len(stamps), self.values.shape[1]), np.nan)
+        result = np.full((len(stamps), self.width), np.nan)
         if len(self.stamps) < 2:
-            for stamp, row in zip(self.stamps, self.values, strict=True):
-                result[stamps == stamp] = row
+            if len(self.stamps):
+                result[stamps == self.stamps[0]] = self.values[0]
             return result
         right = np.clip(np.searchsorted(self.stamps, stamps), 1, len(self.stamps) - 1)
         left = right - 1
@@ -129,8 +130,10 @@ class Merger:
                 count = min(count, int(np.searchsorted(reference.stamps, last, side='right')))
         stamps, rows = reference.stamps[:count], reference.values[:count]
         reference.stamps, reference.values = reference.stamps[count:], reference.values[count:]
+        if not count:
+            return stamps, np.zeros((0, sum(buffer.width for buffer in self._all)))
         merged = np.concatenate([rows, *(other.at(stamps) for other in self._others)], axis=1)
-        for other in self._others if count else ():
+        for other in self._others:
             other.forget(int(stamps[-1]))
         return stamps, merged
 
@@ -161,7 +164,9 @@ class ChannelGroup:
     channels: Sequence[tuple[str, LogChannel]]
     derived: tuple[str, ...] = ()  # drives whose velocity is the rate of their position
     filled: dict[str, float] = field(default_factory=dict)
+    _feeds: list[_Feed] = field(default_factory=list)
     _merger: Merger | None = None
+    _order: list[int] = field(default_factory=list)
     _rates: PositionRates | None = None
 
     def __post_init__(self) -> None:

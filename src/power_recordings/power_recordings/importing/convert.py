@@ -58,11 +58,12 @@ class _Writer:
     def __init__(self, bag: BagWriter, plan: ImportPlan) -> None:
         self._bag = bag
         self.measured = _having(plan, 'current', 'power')
-        hot = (drive for drive in _having(plan, 'temperature') if drive not in self.measured)
         self._of_joints = {
             'joint_states': tuple(plan.drives),
             'motor_current': _having(plan, 'motor_current'),
-            'motor_temperature': tuple(hot),
+            'motor_temperature': tuple(
+                drive for drive in _having(plan, 'temperature') if drive not in self.measured
+            ),
             'joint_commands': _having(plan, 'command'),
         }
         self.counts = dict.fromkeys(TOPICS, 0)
@@ -80,15 +81,12 @@ class _Writer:
         if not len(stamps):
             return []
         self.counts[topic] += len(stamps)
-        times = stamps
         if topic == 'drive_supply':
             times, blocks = self._drive_supply(stamps, values)
         elif topic == 'supply':
-            blocks = [_supply(stamps, values)]
+            times, blocks = stamps, [_supply(stamps, values)]
         else:
-            drives, fields = self._of_joints[topic], _JOINT_FIELDS[topic].items()
-            columns: Any = {f: _table(values, drives, q, len(stamps)) for q, f in fields}
-            blocks = [cdr.joint_state_block(stamps, drives, **columns)]
+            times, blocks = stamps, [self._joints(topic, stamps, values)]
         if topic not in self._topics:
             self._topics[topic] = self._bag.add_topic(topic, KINDS[topic].type_name)
         parts = np.split(times, np.cumsum([len(block) for block in blocks[:-1]], dtype=int))
@@ -96,6 +94,14 @@ class _Writer:
             MessageBlock(self._topics[topic], part, block)
             for part, block in zip(parts, blocks, strict=True)
         ]
+
+    def _joints(self, topic: str, stamps: Stamps, values: Values) -> Messages:
+        drives = self._of_joints[topic]
+        columns: dict[str, Any] = {
+            field: _table(values, drives, quantity, len(stamps))
+            for quantity, field in _JOINT_FIELDS[topic].items()
+        }
+        return cdr.joint_state_block(stamps, drives, **columns)
 
     def _drive_supply(self, stamps: Stamps, values: Values) -> tuple[Stamps, list[Messages]]:
         count = len(stamps)

@@ -228,11 +228,10 @@ def velocity_apart_from_voltage(own: ByQuantity) -> ByQuantity:
     }
 
 
-def follows(position: CandidateColumn | None, velocity: CandidateColumn | None) -> bool:
-    """Tell whether a position that lacks a unit or a name moves as the velocity, if any, says."""
-    if position is None or velocity is None or (position.unit and not is_mere_angle(position)):
-        return True
-    if len(position.values) != len(velocity.values):
+def follows(position: CandidateColumn, velocity: CandidateColumn) -> bool:
+    """Tell whether a position that lacks a unit or a name moves as the velocity says."""
+    told = position.unit and not is_mere_angle(position)
+    if told or len(position.values) != len(velocity.values):
         return True
     steps, middle = np.diff(position.values), velocity.values[1:]
     good = np.isfinite(steps) & np.isfinite(middle)

@@ -163,10 +163,7 @@ class _Drive:
             own = taken.get(quantity)
             if own is None or (quantity == 'temperature' and others[0].rank < own.rank):
                 taken[quantity] = others[0]
-        current, power = taken.get('current'), taken.get('power')
-        vague = current is not None and current.is_vague
-        if vague and power is not None and not evidence.metered_pair(power, self._own):
-            del taken['current']  # it may be the motor's
+        self._metered_power(taken)
         if 'current' in taken:
             taken.pop('power', None)
             volts = [*self._own.get('voltage', []), *self._shared.get('voltage', [])]
@@ -179,9 +176,21 @@ class _Drive:
             del taken[quantity]
         if not _POWERS & set(taken):
             taken.pop('voltage', None)
-        if not evidence.follows(taken.get('position'), taken.get('velocity')):
+        if (
+            'velocity' in taken
+            and 'position' in taken
+            and not evidence.follows(taken['position'], taken['velocity'])
+        ):
             del taken['position']
         return taken
+
+    def _metered_power(self, taken: dict[str, CandidateColumn]) -> None:
+        """Leave a current that may be the motor's for a power that no voltage makes of it."""
+        current, power = taken.get('current'), taken.get('power')
+        if current is None or power is None or not current.is_vague:
+            return
+        if evidence.metered_pair(power, self._own) is None:
+            del taken['current']
 
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""

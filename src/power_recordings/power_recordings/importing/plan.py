@@ -23,7 +23,7 @@ from power_recordings.importing.map_file import (
 )
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.sources.source import LogColumn, LogSource
-from power_recordings.importing.units import Conversion, conversion, quantities_of
+from power_recordings.importing.units import Conversion, conversion
 
 _LONGEST = 100  # characters of addresses that are compared
 _MOST_COMPARED = 2000
@@ -161,7 +161,7 @@ def make_plan(
         channels[name] = {
             q: _channel(q, s, known, f'{where}: drives.{name}.{q}', drive.gear_ratio)
             for q, s in signals.items()
-            if not s.optional or known.keys() >= {*s.columns}
+            if not s.optional or all(column in known for column in s.columns)
         }
         _with_shaft_power(channels[name], f'{where}: drives.{name}')
         _check_drive(channels[name], f'{where}: drives.{name}')
@@ -296,7 +296,11 @@ def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
 def _stated(column: LogColumn, quantity: str) -> str:
     """The unit that the log itself states, where it fits the quantity."""
     unit = column.unit or unit_of(column.address)
-    return unit if quantity in quantities_of(unit) else ''
+    try:
+        conversion(unit, quantity)  # of this one only: others may need what is slow to import
+    except InputError:
+        return ''
+    return unit
 
 
 def _find(address: str, known: Mapping[str, LogColumn], where: str) -> LogColumn:

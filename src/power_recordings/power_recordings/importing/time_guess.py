@@ -37,11 +37,7 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
     clock = next((item for item in listed if is_time_of_day(item.text)), None)
     if clock is not None:
         dates = [item for item in listed if is_date(item.text)][:1]
-        milli = [
-            item
-            for item in listed
-            if re.search(_MILLI, words(item.column.address)) and 0 <= item.low <= item.high < 1000
-        ][:1]
+        milli = [item for item in listed if _is_milli(item)][:1]
         parts = [*((d, '') for d in dates), (clock, ''), *((m, 'ms') for m in milli)]
         if len(parts) > 1:
             return _added(parts, 'parts of a time, added')
@@ -75,8 +71,9 @@ def time_line(found: Sequence[CandidateColumn], listed: Sequence[Listed]) -> str
             f'{best.listed.changes:.0%} of the rows only'
         )
     others = [c.address for c in times if c != best][:_OTHERS]
-    notes = [why, f'or {printable(", ".join(others))}' if others else '']
-    note = f'   # {"; ".join(filter(None, notes))}' if any(notes) else ''
+    or_others = f'or {printable(", ".join(others))}' if others else ''
+    notes = [text for text in (why, or_others) if text]
+    note = f'   # {"; ".join(notes)}' if notes else ''
     return f'time: {{column: {yaml_text(best.address)}, unit: {unit}}}{note}'
 
 
@@ -105,6 +102,12 @@ def _added(parts: Sequence[tuple[Listed, str]], why: str) -> str:
         for item, unit in parts
     )
     return f'time: {{columns: [{columns}]}}   # {why}'
+
+
+def _is_milli(item: Listed) -> bool:
+    """Tell whether a column counts the milliseconds of a second."""
+    named = re.search(_MILLI, words(item.column.address)) is not None
+    return named and 0 <= item.low <= item.high < 1000
 
 
 def _ticks(first: Listed) -> bool:

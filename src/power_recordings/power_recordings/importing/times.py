@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime, time, timedelta
+from datetime import UTC, datetime, time, timedelta, timezone
 from itertools import pairwise
 from typing import Any, Final
 
@@ -109,9 +109,14 @@ def _of_parts(parts: dict[str, str | None], month_first: bool) -> int:
     else:
         year = int(third) + (2000 if len(third) <= 2 else 0)
         day, month = (int(second), int(first)) if month_first else (int(first), int(second))
-    zone = parts.get('zone') or ''
-    own = datetime.strptime(zone, '%z').tzinfo if zone[:1] in ('+', '-') else UTC
-    return _ns(datetime(year, month, day, tzinfo=own)) + of_day
+    return _ns(datetime(year, month, day, tzinfo=_zone(parts.get('zone')))) + of_day
+
+
+def _zone(text: str | None) -> timezone:  # of each row: strptime takes four times as long
+    if not text or text[0] not in '+-':
+        return UTC
+    size = timedelta(hours=int(text[1:3]), minutes=int(text[-2:]))
+    return timezone(size if text[0] == '+' else -size)
 
 
 START = 1_000_000_000  # s, of logs whose times are relative

@@ -56,7 +56,8 @@ class BagFile(LogSource):
     def _known(self, counts: Mapping[str, int]) -> bool:
         """Count the messages of a chunk and leave it out where all its topics have an example."""
         known = counts.keys() <= self._examples.keys() | self._errors.keys()
-        self.counts.update(counts if known else {})
+        if known:
+            self.counts.update(counts)
         return known
 
     def columns(self) -> Sequence[LogColumn]:

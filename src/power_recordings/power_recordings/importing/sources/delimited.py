@@ -7,13 +7,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import Table
+from pyarrow import RecordBatch, Table
 from pyarrow import compute as pc
 from pyarrow import csv as arrow_csv
 from wattwalk_core.errors import InputError, printable
@@ -153,9 +152,15 @@ class DelimitedFile(LogSource):
                     strings_can_be_null=False,
                 ),
             )
-            while batches := list(islice(reader, _BATCHES)):
-                progress(file.tell())
-                yield pa.Table.from_batches(batches)
+            waiting: list[RecordBatch] = []
+            for batch in reader:
+                waiting.append(batch)
+                if len(waiting) == _BATCHES:
+                    progress(file.tell())
+                    yield pa.Table.from_batches(waiting)
+                    waiting = []  # before the next are read
+            if waiting:
+                yield pa.Table.from_batches(waiting)
 
     def _numbers(self, table: Table) -> dict[str, np.ndarray]:
         return {
