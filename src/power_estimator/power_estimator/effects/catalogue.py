@@ -3,7 +3,7 @@
 import copyreg
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -28,25 +28,51 @@ from power_estimator.effects.signals.state import Signals
 
 _NEAR = 3  # names that are offered for an unknown one
 _BUILTIN = (
-    *(mechanics.SHAFT, winding.COPPER_LOSS, winding.WINDING_HEATING),
-    *(winding.SATURATION, winding.MOTOR_SATURATION, winding.MAGNET_HEATING),
-    *(friction.VISCOUS_FRICTION, friction.COULOMB_FRICTION),
-    *(friction.STRIBECK_FRICTION, friction.LOAD_FRICTION),
-    *(iron_and_inverter.IRON_LOSS, iron_and_inverter.INVERTER_LOSS),
-    *(bus.IDLE, bus.REGENERATION_EFFICIENCY, bus.REGENERATION_LIMIT),
+    mechanics.SHAFT,
+    winding.COPPER_LOSS,
+    winding.WINDING_HEATING,
+    winding.SATURATION,
+    winding.MOTOR_SATURATION,
+    winding.MAGNET_HEATING,
+    friction.VISCOUS_FRICTION,
+    friction.COULOMB_FRICTION,
+    friction.STRIBECK_FRICTION,
+    friction.LOAD_FRICTION,
+    iron_and_inverter.IRON_LOSS,
+    iron_and_inverter.INVERTER_LOSS,
+    bus.IDLE,
+    bus.REGENERATION_EFFICIENCY,
+    bus.REGENERATION_LIMIT,
     iron_and_inverter.FIELD_WEAKENING,
-    *(mechanics.ROTOR_INERTIA, mechanics.SPRING, friction.COGGING, bus.LINE_RESISTANCE),
-    *(sensors.POWER_GAIN, sensors.CURRENT_OFFSET, sensors.TORQUE_BIAS, sensors.TORQUE_BEND),
-    *(sensors.VELOCITY_LAG, sensors.OFFSET_DRIFT, sensors.TIME_OFFSET),
+    mechanics.ROTOR_INERTIA,
+    mechanics.SPRING,
+    friction.COGGING,
+    bus.LINE_RESISTANCE,
+    sensors.POWER_GAIN,
+    sensors.CURRENT_OFFSET,
+    sensors.TORQUE_BIAS,
+    sensors.TORQUE_BEND,
+    sensors.VELOCITY_LAG,
+    sensors.OFFSET_DRIFT,
+    sensors.TIME_OFFSET,
 )
 
 
-class Catalogue(dict[str, Effect]):
-    """Effects by name, in a fixed order; `origins` has the files of users' effects."""
+class Catalogue(Mapping[str, Effect]):
+    """Mapping of effects by name, in a fixed order; `origins` has the files of users' effects."""
 
     def __init__(self, effects: Sequence[Effect], origins: Mapping[str, Path] | None = None):
-        super().__init__({effect.name: effect for effect in effects})
+        self._effects = {effect.name: effect for effect in effects}
         self.origins = dict(origins or {})
+
+    def __getitem__(self, name: str) -> Effect:
+        return self._effects[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Travel as the names of files: a user's effects are in no module of others."""
@@ -55,21 +81,24 @@ class Catalogue(dict[str, Effect]):
 
     def get_known(self, name: str, where: str) -> Effect:
         """Return an effect by name; InputError, which begins with `where`, for an unknown one."""
-        if name in self:
-            return self[name]
-        within = [one for one in self if name and (one in name or name in one)]
-        near = within[:_NEAR] or get_close_matches(name, self, 1)
-        likely = ' or '.join(f'{one} ({self[one].physics})' for one in near)
-        known = f'did you mean {likely}? fit --effects all lists all'
-        if not near:
+        if name not in self._effects:
             known = f'known are {", ".join(self)}'
-        raise InputError(
-            f'{where}: unknown effect {name!r}; {known} (your own go by --effects-path FILE.py)'
-        )
+            if near := self._near(name):
+                known = f'did you mean {near}? fit --effects all lists all'
+            raise InputError(
+                f'{where}: unknown effect {name!r}; {known} '
+                '(your own go by --effects-path FILE.py)'
+            )
+        return self._effects[name]
+
+    def _near(self, name: str) -> str:
+        within = [one for one in self._effects if name and (one in name or name in one)]
+        near = within[:_NEAR] or get_close_matches(name, self._effects, 1)
+        return ' or '.join(f'{one} ({self._effects[one].physics})' for one in near)
 
     def physics(self) -> tuple[Effect, ...]:
         """Return the effects of the drive."""
-        return tuple(effect for effect in self.values() if effect.kind == 'physics')
+        return tuple(effect for effect in self._effects.values() if effect.kind == 'physics')
 
 
 def builtin_catalogue() -> Catalogue:
@@ -100,9 +129,8 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
     They are zero where signals cannot show the effect. Raises InputError for an effect that
     raises, or returns another shape or NaN.
     """
-    expected = (*signals.torque.shape, len(effect.terms))
     if signals.steady and (effect.needs_time or effect.remembers):
-        return np.zeros(expected)
+        return np.zeros((*signals.torque.shape, len(effect.terms)))
     try:
         columns = np.asarray(effect.regressors(signals, **shape), dtype=np.float64)
     except InputError:
@@ -111,18 +139,23 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
         raise InputError(
             f'effect {effect.name!r} raised {type(error).__name__}: {error}'
         ) from error
+    expected = (*signals.torque.shape, len(effect.terms))
     if columns.shape != expected:
         raise InputError(
             f'effect {effect.name!r} returned regressors of shape {columns.shape}; '
             f'[time, drive, term] is {expected}'
         )
-    flat = columns.ravel(order='K')
-    # One pass without a copy where all are finite.
-    if not np.isfinite(flat @ flat) and not np.isfinite(columns).all():
+    if not _all_finite(columns):
         raise InputError(f'effect {effect.name!r} returned NaN or infinite regressors')
     if effect.needs_joint_torque and signals.at_motor.any():
         columns = columns * ~signals.at_motor[:, None]
     return columns
+
+
+def _all_finite(values: Floats) -> bool:
+    """Return whether no value is NaN or infinite; one pass without a copy for those that are."""
+    flat = values.ravel(order='K')
+    return bool(np.isfinite(flat @ flat)) or bool(np.isfinite(values).all())
 
 
 def _effects_in(path: Path) -> list[Effect]:
@@ -164,7 +197,7 @@ def _checked(form: Any, path: Path) -> Effect:
         raise
     except Exception as error:  # a user's class may hold anything
         raise InputError(f'{where}: {type(error).__name__}: {error}') from error
-    return replace(effect, made=(_from_files, (effect.name, path.absolute())))
+    return replace(effect, made=(_from_file, (path.absolute(), effect.name)))
 
 
 def _check_fields(form: Any, where: str) -> None:
@@ -186,15 +219,19 @@ def _check_fields(form: Any, where: str) -> None:
         raise InputError(f'{where} has a discrepancy_limit but no discrepancy')
 
 
-def _from_files(name: str, *paths: Path) -> Effect:
-    return load_catalogue(paths)[name]
+def _shipped(name: str) -> Effect:
+    return builtin_catalogue()[name]
+
+
+def _from_file(path: Path, name: str) -> Effect:
+    return load_catalogue([path])[name]
 
 
 def _travelling(effect: Effect) -> tuple[Callable[..., Effect], tuple[object, ...]]:
     """An effect travels to other processes as what makes it there, not as its functions."""
     if effect.made is None and effect not in _BUILTIN:
         raise TypeError(f'effect {effect.name!r} is in no catalogue: no other process can make it')
-    return effect.made or (_from_files, (effect.name,))
+    return effect.made or (_shipped, (effect.name,))
 
 
 copyreg.pickle(Effect, _travelling)
