@@ -68,32 +68,44 @@ class Past:
 class OtherDrives:
     """Power on the bus of a robot beside that of one of its drives, W [T, 1]."""
 
-    returned: Floats  # by the others together
-    drawn: Floats  # by the others together, less what they return
+    _returned: Floats  # by all drives
+    _drawn: Floats  # by all drives
+    _own: Floats  # drawn by the one
 
     @classmethod
     def of(cls, drawn: Floats) -> 'OtherDrives':
         """Return the sums over all drives of the power W [T, D], negative where they return it."""
         returned = np.maximum(0.0, -drawn).sum(axis=1, keepdims=True)
-        return cls(returned, drawn.sum(axis=1, keepdims=True))
+        total = drawn.sum(axis=1, keepdims=True)
+        return cls(returned, total, np.broadcast_to(0.0, total.shape))
 
     def beside(self, own: Floats) -> 'OtherDrives':
         """Return the power beside one of the drives, which draws `own`, W [T, 1]."""
-        return OtherDrives(self.returned - np.maximum(0.0, -own), self.drawn - own)
+        return replace(self, _own=own)
 
     def rows(self, rows: NDArray[np.intp]) -> 'OtherDrives':
         """Return the power at some rows [T] alone."""
-        return OtherDrives(self.returned[rows], self.drawn[rows])
+        return OtherDrives(self._returned[rows], self._drawn[rows], self._own[rows])
+
+    @property
+    def returned(self) -> Floats:
+        """Power that the others return together, W [T, 1]."""
+        return self._returned - np.maximum(0.0, -self._own)
+
+    @property
+    def drawn(self) -> Floats:
+        """Power that the others draw together, less what they return, W [T, 1]."""
+        return self._drawn - self._own
 
 
 @dataclass(frozen=True)
 class Signals:
     """Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
 
-    motor_*, torque_cost and drawn are the model's own estimates so far: the motor's motion behind
-    a spring, its torque including friction and rotor inertia, the slope of the losses by that
-    torque, and the power drawn at the drive's input. They let an effect depend on what the other
-    effects add.
+    motor_*, torque_cost and drawn are the model's own estimates so far: the
+    motor's motion behind a spring, its torque including friction and rotor inertia, the slope of
+    the losses by that torque, and the power drawn at the drive's input. They let an effect depend
+    on what the other effects add.
     """
 
     rate: float  # Hz
@@ -139,6 +151,9 @@ class Signals:
 
     def drive(self, index: int) -> 'Signals':
         """Return the signals of one drive, D = 1; `others` is then the power beside it."""
+        past = self.past
+        if past is not None:
+            past = replace(past, torque=np.ascontiguousarray(past.torque[:, index : index + 1]))
 
         def column(values: NDArray[Any]) -> NDArray[Any]:
             if values.ndim < 2:
@@ -146,13 +161,14 @@ class Signals:
             own = values[:, index : index + 1]
             return own if own.strides[0] in (0, own.itemsize) else np.ascontiguousarray(own)
 
-        several = len(self.names) > 1
         return replace(
             self,
             names=(self.names[index],),
             scale=self.scale.take([index]),
-            past=self.past and replace(self.past, torque=column(self.past.torque)),
-            others=self._together.beside(column(self.drawn)) if several else self.others,
+            past=past,
+            others=self._together.beside(column(self.drawn))
+            if len(self.names) > 1
+            else self.others,
             **self._each_array(column) | {'at_motor': self.at_motor[[index]]},
         )
 
@@ -162,12 +178,15 @@ class Signals:
 
     def _each_array(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> dict[str, Any]:
         """Return the arrays [T, …] changed by a function; fields that are one array stay one."""
-        given = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'at_motor'}
-        arrays = {name: own for name, own in given.items() if isinstance(own, np.ndarray)}
-        changed = {
-            key: function(own) for key, own in {id(own): own for own in arrays.values()}.items()
-        }
-        return {name: changed[id(own)] for name, own in arrays.items()}
+        found: dict[str, Any] = {}
+        known: dict[int, NDArray[Any]] = {}
+        for name in (f.name for f in fields(self) if f.name != 'at_motor'):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                if id(value) not in known:
+                    known[id(value)] = function(value)
+                found[name] = known[id(value)]
+        return found
 
     def stretches(self) -> list[slice]:
         """Return the gap-free stretches, in order, as slices of samples."""
