@@ -107,7 +107,7 @@ class MeterProblem:
     @cached_property
     def errors(self) -> SensorErrors:
         """Errors of the sensors."""
-        return SensorErrors(self.signals)
+        return SensorErrors.of(self.signals)
 
     def columns(self, actives: Sequence[Active], point: Point) -> EffectColumns:
         """Linearise effects about a point, which has coefficients in SI by name."""

@@ -65,20 +65,27 @@ def spreads(signals: Signals) -> Mapping[str, float]:
     return out
 
 
+@dataclass(frozen=True)
 class SensorErrors:
     """Watts of one spread of each error, as far as no estimate of the power moves them."""
 
-    def __init__(self, signals: Signals) -> None:
-        """signals: of a meter's drives."""
-        self._signals = signals
-        self._moves = float(not signals.steady)  # operating points are in no order
+    signals: Signals
+    spread: Floats  # of each of SENSORS, in its unit
+    hysteresis: Floats  # −1 to 1 [T, D]
+    slips: Mapping[str, Floats]  # the same by name, of a sensor's plays
+
+    @classmethod
+    def of(cls, signals: Signals) -> 'SensorErrors':
+        """Take the errors' spreads and forms from the signals of a meter's drives."""
         fast = np.sqrt(np.mean(signals.torque_rate**2, axis=0)) + 1e-9
-        self._hysteresis = np.tanh(3.0 * signals.torque_rate / fast)  # −1 to 1 [T, D]
+        moves = float(not signals.steady)  # operating points are in no order
         size = np.sqrt(np.mean(signals.torque**2, axis=0)) + 1e-12
-        self._slips = {  # the same, of a sensor's plays
-            name: self._moves * slip(signals.torque, share * size)
-            for name, share in _SLIPS.items()
-        }
+        return cls(
+            signals,
+            np.array([*spreads(signals).values()]),
+            np.tanh(3.0 * signals.torque_rate / fast),
+            {name: moves * slip(signals.torque, share * size) for name, share in _SLIPS.items()},
+        )
 
     def watts(self, power: Floats, slope: Floats, blocked: Floats) -> list[Floats]:
         """Errors [T, D] in the order of SENSORS, in one spread.
@@ -86,19 +93,20 @@ class SensorErrors:
         power: W [T, D]; slope: of the power by the torque, W/(N·m) [T, D]; blocked: each drive's
         share of what the supply does not take back [T, D], 0 at other times.
         """
-        s = self._signals
-        minutes = self._moves * (s.time - s.time.mean())[:, None] / 60.0
+        s = self.signals
+        moves = float(not s.steady)
+        minutes = moves * (s.time - s.time.mean())[:, None] / 60.0
         voltage = s.voltage / s.voltage.shape[1]
         whole = [slice(0, len(power))]
-        rate = self._moves * rate_of(power, whole, s.rate)
+        rate = moves * rate_of(power, whole, s.rate)
         errors = {
             'power_gain': power,
             'torque_scale': s.torque * slope,
             'current_offset': voltage,
             'offset_drift': voltage * minutes,
             'torque_bias': slope,
-            'torque_hysteresis': slope * self._hysteresis,
-            **{name: slope * own for name, own in self._slips.items()},
+            'torque_hysteresis': slope * self.hysteresis,
+            **{name: slope * own for name, own in self.slips.items()},
             'velocity_lag': s.torque * s.acceleration,
             'torque_lag': slope * s.torque_rate,
             'time_offset': -rate,
@@ -109,7 +117,7 @@ class SensorErrors:
         }
         return [
             np.broadcast_to(spread * errors[name], s.torque.shape)
-            for name, spread in spreads(s).items()
+            for name, spread in zip(SENSORS, self.spread, strict=True)
         ]
 
 
