@@ -32,7 +32,10 @@ class Split:
 
     def drive(self, place: int) -> 'Split':
         """Return the split of one drive, by its column: parts and slopes are [T]."""
-        return reduced(self, lambda values: values[:, place])
+        return Split(
+            {name: values[:, place] for name, values in self.parts.items()},
+            {key: values[:, place] for key, values in self.slopes.items()},
+        )
 
 
 def split(
@@ -107,7 +110,10 @@ def split(
     return Split(parts, by_column)
 
 
-def reduced(found: Split, reduce: Callable[[Floats], Floats]) -> Split:
+Reduce = Callable[[Floats], Floats]
+
+
+def reduced(found: Split, reduce: Reduce) -> Split:
     """Return the split at the reduced rate; reduce: [T, D] → [N, D]."""
     return Split(
         {name: reduce(values) for name, values in found.parts.items()},

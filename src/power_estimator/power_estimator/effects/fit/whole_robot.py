@@ -64,9 +64,12 @@ def expanded(actives: Sequence[Active], signals: Signals) -> tuple[Active, ...]:
             found.append(replace(active, effect=whole))
             continue
         factors = effect.factors(signals.scale)
-        for name, own in zip(signals.names, np.eye(len(factors)), strict=True):
-            part = drive_share(effect, f'{effect.name}@{name}', own[:, None] * factors)
-            found.append(replace(active, effect=part))
+        for drive, name in enumerate(signals.names):
+            share = np.zeros_like(factors)
+            share[drive] = factors[drive]
+            found.append(
+                replace(active, effect=drive_share(effect, f'{effect.name}@{name}', share))
+            )
     return tuple(found)
 
 

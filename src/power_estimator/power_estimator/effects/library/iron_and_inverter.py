@@ -40,6 +40,11 @@ def _iron(signals: Signals, *, carried: float = 0.0, **_: float) -> Floats:
     )
 
 
+def _exponent(signals: Signals, **_: float) -> Floats:
+    """Exponents between 1 and 2."""
+    return np.abs(signals.motor_velocity) * log_speed(signals.motor_velocity)
+
+
 def _iron_factors(scale: DriveScale) -> Floats:
     """Up to a friction's size where the bound of the reference drive tells nothing.
 
@@ -62,6 +67,11 @@ def _switching_slope(signals: Signals, coefficients: Floats) -> Floats:
     return both * np.tanh(signals.motor_torque / (0.5 * signals.scale.torque))
 
 
+def _voltage_drop(signals: Signals, **_: float) -> Floats:
+    """Voltage drop that rises with the load."""
+    return np.abs(signals.motor_torque) * share_of_top(signals.motor_torque)
+
+
 def _overspeed(signals: Signals, *, per_volt: float = 0.125, **_: float) -> Floats:
     """Squared excess over the base speed."""
     excess = np.abs(signals.motor_velocity) - per_volt * signals.voltage
@@ -75,10 +85,7 @@ IRON_LOSS = Effect(
     terms=_IRON,
     scaling={'gear_ratio': (1.0, 2.0)},
     regressors=_iron,
-    # Exponents between 1 and 2.
-    discrepancy=lambda signals, **_: (
-        np.abs(signals.motor_velocity) * log_speed(signals.motor_velocity)
-    ),
+    discrepancy=_exponent,
     discrepancy_limit=0.3,
     # The torque of the motor has in it what the current of iron loss adds.
     recorded=lambda signals, carried=0.0, **_: carried == 0.0 or not bool(signals.at_motor.all()),
@@ -102,10 +109,7 @@ INVERTER_LOSS = Effect(
     scaling={'gear_ratio': (-1.0, -1.0)},
     regressors=_switching,
     torque_slope=_switching_slope,
-    # A voltage drop that rises with the load.
-    discrepancy=lambda signals, **_: (
-        np.abs(signals.motor_torque) * share_of_top(signals.motor_torque)
-    ),
+    discrepancy=_voltage_drop,
     discrepancy_limit=0.2,
     follows=frozenset({'motor_torque'}),
     per_drive=True,

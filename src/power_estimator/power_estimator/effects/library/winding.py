@@ -7,8 +7,14 @@ from power_estimator.effects.effect import Effect, Excitation, Shape, Term, shar
 from power_estimator.effects.signals.state import Signals
 
 REFERENCE = 25.0  # °C at which the copper loss has its nominal coefficient
+
 COPPER = 0.0039  # relative growth of copper's resistance per kelvin
 _SHOWS = 0.1  # growth of a resistance, by a temperature that was measured, that should show
+
+
+def _saturation(signals: Signals, **_: float) -> Floats:
+    """A torque constant that saturates under load."""
+    return np.square(signals.motor_torque) * np.square(share_of_top(signals.motor_torque))
 
 
 def _heating(signals: Signals, *, time_constant: float = 0.0, **_: float) -> Floats:
@@ -78,10 +84,7 @@ COPPER_LOSS = Effect(
     scaling={'gear_ratio': (-2.0,), 'winding_resistance': (1.0,)},
     regressors=lambda signals, **_: np.square(signals.motor_torque)[..., None],
     torque_slope=lambda signals, k: 2.0 * k[..., 0] * signals.motor_torque,
-    # A torque constant that saturates under load.
-    discrepancy=lambda signals, **_: (
-        np.square(signals.motor_torque) * np.square(share_of_top(signals.motor_torque))
-    ),
+    discrepancy=_saturation,
     discrepancy_limit=0.12,
     follows=frozenset({'motor_torque'}),
     per_drive=True,
@@ -128,10 +131,20 @@ _LOADS = (-40.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 40.0)
 _MOST_PER_KELVIN = 0.005  # ferrite loses 0.002/K, neodymium 0.001/K
 
 
+def _less_torque(signals: Signals, **_: float) -> Floats:
+    """Minus the shaft's power times the torque squared, of a torque by its current."""
+    return (-(signals.torque**3) * signals.motor_velocity * signals.at_motor)[..., None]
+
+
 def _weaker(signals: Signals, **_: float) -> Floats:
     """Minus the shaft's power times the rise in temperature, of a torque by its current."""
     rise = np.nan_to_num(signals.temperature - REFERENCE)
     return (-rise * signals.torque * signals.motor_velocity * signals.at_motor)[..., None]
+
+
+def _warmed_motor(signals: Signals, **_: float) -> bool:
+    """Return whether a torque is known by its current, and its motor's temperature moved."""
+    return bool((np.ptp(signals.temperature, axis=0) * signals.at_motor > 1.0).any())
 
 
 SATURATION = Effect(
@@ -159,9 +172,7 @@ MOTOR_SATURATION = Effect(
     formula='−s·torque³·w, of a torque that is a current times a constant',
     terms=(Term('s', '1/(N·m)²'),),
     scaling={'gear_ratio': (-2.0,)},
-    regressors=lambda signals, **_: (
-        -(signals.torque**3) * signals.motor_velocity * signals.at_motor
-    )[..., None],
+    regressors=_less_torque,
     recorded=lambda signals, **_: bool(signals.at_motor.any()),
     per_drive=True,
     near=('copper_loss', 'regeneration_efficiency'),
@@ -176,9 +187,7 @@ MAGNET_HEATING = Effect(
     terms=(Term('alpha', '1/K', 0.0, _MOST_PER_KELVIN),),
     scaling={},
     regressors=_weaker,
-    recorded=lambda signals, **_: bool(
-        (np.ptp(signals.temperature, axis=0) * signals.at_motor > 1.0).any()
-    ),
+    recorded=_warmed_motor,
     per_drive=True,
     near=('power_gain', 'winding_heating'),
     excitation=Excitation(

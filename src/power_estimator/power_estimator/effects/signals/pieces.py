@@ -1,10 +1,10 @@
 """Parts of recordings to judge on: evenly spread pieces of long ones, and one row in a few."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.signals.prepared import Prepared, SignalPart
@@ -35,28 +35,28 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
     shares = np.maximum(_shares(lengths, most * reducer.rate), _LEAST * reducer.rate)
     length = round(_PIECE * reducer.rate / reducer.factor) * reducer.factor
     least = 2 * reducer.margin + reducer.factor
-    found: list[tuple[int, int, int]] = []  # first sample, end and first row of each
+    starts, sizes, reduced = [], [], []
     for own, whole, share in zip(parts.values(), lengths, shares.tolist(), strict=True):
         period = whole / max(1, int(share / length)) if whole > share else 0.0
         done = 0
         for part, row in own:
             size = part.stop - part.start
-            found += [
-                (part.start + begin, part.start + end, row + begin // reducer.factor)
-                for begin, end in _within(done, size, length, period, reducer.factor)
-                if end - begin > least
-            ]
+            for begin, end in _within(done, size, length, period, reducer.factor):
+                if end - begin > least:
+                    starts.append(part.start + begin)
+                    sizes.append(end - begin)
+                    reduced.append(row + begin // reducer.factor)
             done += size
-    sizes = [stop - start for start, stop, _ in found]
-    places = itertools.pairwise(itertools.accumulate(sizes, initial=0))
-    shorter = replace(reducer, slices=tuple(slice(*ends) for ends in places))
+    ends = np.cumsum(sizes).tolist()
+    shorter = replace(
+        reducer,
+        slices=tuple(slice(end - size, end) for size, end in zip(sizes, ends, strict=True)),
+    )
     counts = [part.stop - part.start for part in shorter.stretches()]
-    firsts = [row for _, _, row in found]
-    rows = np.concatenate([np.arange(start, stop) for start, stop, _ in found])
-    kept = np.repeat(firsts, counts) + np.concatenate([np.arange(count) for count in counts])
+    rows, kept = _joined(starts, sizes), _joined(reduced, counts)
     segment = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
-    part_of = SignalPart(rows, kept, len(prepared.time))
-    return prepared.at_rows(kept, shorter, prepared.signals.rows(rows, segment), part_of)
+    places = SignalPart(rows, kept, len(prepared.time))
+    return prepared.at_rows(kept, shorter, prepared.signals.rows(rows, segment), places)
 
 
 def _shares(lengths: Sequence[int], budget: float) -> Floats:
@@ -85,6 +85,12 @@ def _within(
         later = (number * _GOLDEN) % 1.0 * (period - length)
         offset = round((number * period + later - done) / factor) * factor
         yield max(0, offset), min(size, offset + length)
+
+
+def _joined(starts: Sequence[int], sizes: Sequence[int]) -> NDArray[np.intp]:
+    return np.concatenate(
+        [start + np.arange(size) for start, size in zip(starts, sizes, strict=True)]
+    )
 
 
 def sparse(prepared: Prepared) -> Prepared:
