@@ -225,6 +225,9 @@ class DelayedNormal:
 
     def at(self, place: float) -> Normal:
         """Return the equations at a place of the delay from 0 to S − 1, a fraction allowed."""
+        here = int(place)
+        if place == here:  # also of one delay alone, which has no neighbour; no copies
+            return Normal(self.gram, self.moment[here], self.square[here], self.valid)
         (moment,), (square,) = between(np.array([place]), self.moment, self.square, self.next_)
         return Normal(self.gram, moment, square, self.valid)
 
