@@ -117,12 +117,16 @@ class CandidateScreener:
     def _limits(self) -> None:
         """Bounds and priors of all columns, of each group of drives."""
         scale, base = self.fitter.scale, self.base
-        parts = [(*base.structure.bounds(base.coefficients, scale), base.structure.priors(scale))]
-        for alone in (Structure((active,)) for active in self.candidates):
-            none = np.zeros((len(scale.torque), len(alone.terms)))
-            parts.append((*alone.bounds(none, scale), alone.priors(scale)))
-        lower, upper, prior = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
-        limits = limits_of(lower, upper, prior, self.fitter.weight, self.fitter.groups)
+        lower, upper = base.structure.bounds(base.coefficients, scale)
+        prior = [base.structure.priors(scale)]
+        for active in self.candidates:
+            alone = Structure((active,))
+            ends = alone.bounds(np.zeros((len(lower), len(active.effect.terms))), scale)
+            lower = np.concatenate([lower, ends[0]], axis=1)
+            upper = np.concatenate([upper, ends[1]], axis=1)
+            prior.append(alone.priors(scale))
+        priors, groups = np.concatenate(prior, axis=1), self.fitter.groups
+        limits = limits_of(lower, upper, priors, self.fitter.weight, groups)
         self._lower, self._upper, self._ridge = (
             np.pad(values, ((0, 0), (0, 1))) for values in limits
         )
@@ -187,8 +191,9 @@ class CandidateScreener:
         """Of each subset [n] the place of its best delay, its error there and the solution."""
         gram = self._gram[0][:, pick[:, :, None], pick[:, None, :]].transpose(1, 0, 2, 3)
         gram = summed(gram, self.fitter.groups, 1)[:, None]  # [n, 1, G, m, m]
-        shifts, settings = self.fitter.prepared.shifts, self.fitter.settings
+        shifts = self.fitter.prepared.shifts
         known = round((self.base.delay - float(shifts[0])) / SHIFT_STEP)
+        settings = self.fitter.settings
         beside = settings.near_delays
         middle = int(np.clip(known, beside, len(shifts) - beside - 1))
         means = [self.base.coefficients[group].mean(axis=0) for group in self.fitter.groups]
@@ -217,7 +222,8 @@ class CandidateScreener:
         """Summed log error [n, P] at places [n, P] of the delay, and solutions [n, P, G, m]."""
         moment, square = between(places, self._moment[0], self._square, self._next)
         own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)  # [n, P, D, m]
-        right, square = (summed(each, self.fitter.groups, 2) for each in (own, square))
+        right = summed(own, self.fitter.groups, 2)
+        square = summed(square, self.fitter.groups, 2)
         x = self._solve(gram, right, pick, near)
         error = square - 2 * (x * right).sum(axis=3)
         error = error + (x * (gram @ x[..., None])[..., 0]).sum(axis=3)
@@ -236,7 +242,8 @@ class CandidateScreener:
         left, weight = neighbours(places, len(prepared.shifts))
         gram = self._gram[1:][:, :, pick[:, :, None], pick[:, None, :]]  # [F, D, n, m, m]
         gram = summed(gram.transpose(2, 0, 1, 3, 4), self.fitter.groups, 2)
-        by_delay, w = self._moment[1:].swapaxes(0, 1), weight[:, None, None, None]
+        by_delay = self._moment[1:].swapaxes(0, 1)  # [S, F, D, M]
+        w = weight[:, None, None, None]
         moment = (1 - w) * by_delay[left] + w * by_delay[left + 1]  # [n, F, D, M]
         own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)
         right = summed(own, self.fitter.groups, 2)

@@ -96,11 +96,11 @@ class DelaySearch:
         self, design: Design, sums: tuple[Floats, Floats, Floats, Floats], best: int
     ) -> float:
         """Place of the best delay between the neighbours of the best of some."""
-        gram, *by_delay = sums
-        middle = int(np.clip(best, 1, len(by_delay[0]) - 2))
+        gram, moment, square, next_ = sums
+        middle = int(np.clip(best, 1, len(moment) - 2))
         steps = round(SHIFT_STEP / self.settings.fine_delay)
         places = np.linspace(middle - 1, middle + 1, 2 * steps + 1)
-        fine = self._profile(design, gram, *between(places, *by_delay))
+        fine = self._profile(design, gram, *between(places, moment, square, next_))
         return float(places[int(np.argmin(fine))])
 
     def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:

@@ -240,10 +240,13 @@ class Fitter:
         weight = np.stack([self.weight[group].mean() for group in self.groups])
         trust = weight[:, None] * REDUCED_RATE / np.square(spread)
         right = right + trust * expected
-        begin = [] if near is None else [near[[group[0] for group in self.groups]]]
-        given = [*limits[:2], limits[2] + trust, *begin]
-        every = (np.tile(values, (len(right), 1)) for values in given)
-        x = bounded_solve(matrix.reshape(-1, m, m), right.reshape(-1, m), *every)
+        limits = (*limits[:2], limits[2] + trust)
+        begin = None if near is None else near[[group[0] for group in self.groups]]
+        lower, upper, ridge = (np.tile(values, (len(right), 1)) for values in limits)
+        start = None if begin is None else np.tile(begin, (len(right), 1))
+        x = bounded_solve(
+            matrix.reshape(-1, m, m), right.reshape(-1, m), lower, upper, ridge, start
+        )
         out = np.zeros(moment.shape)
         for index, group in enumerate(self.groups):
             out[:, group] = x.reshape(right.shape)[:, index, None]
