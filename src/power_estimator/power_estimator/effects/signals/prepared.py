@@ -105,7 +105,7 @@ class Prepared:
     @property
     def seconds(self) -> float:
         """Length of the reduced signals in s; 0 for operating points."""
-        return 0.0 if self.steady else len(self.time) * self.reducer.every / REDUCED_RATE
+        return 0.0 if self.steady else self._seconds_of(len(self.time))
 
     @property
     def extent(self) -> str:
@@ -114,8 +114,10 @@ class Prepared:
 
     def extent_of(self, rows: int) -> str:
         """Return the length of a number of rows in words."""
-        seconds = rows * self.reducer.every / REDUCED_RATE
-        return f'{rows} operating points' if self.steady else f'{seconds:.0f} s'
+        return f'{rows} operating points' if self.steady else f'{self._seconds_of(rows):.0f} s'
+
+    def _seconds_of(self, rows: int) -> float:
+        return rows * self.reducer.every / REDUCED_RATE
 
     @cached_property
     def measured(self) -> Bools:
@@ -165,9 +167,11 @@ class Prepared:
     def power_at(self, delay: float) -> Floats:
         """Return the reduced power with its delay (s) to the joint signals taken out, W [N, M]."""
         place = np.clip((delay - self.shifts[0]) / SHIFT_STEP, 0.0, len(self.shifts) - 1.001)
-        weight, left = np.modf(place)
-        before, after = self.power[int(left)], self.power[int(left) + 1]
-        return np.asarray((1.0 - weight) * before + weight * after, dtype=np.float64)
+        left = int(place)
+        weight = place - left
+        return np.asarray(
+            (1.0 - weight) * self.power[left] + weight * self.power[left + 1], dtype=np.float64
+        )
 
     def reduced(self, values: Floats) -> Floats:
         """Return a signal at the input rate [T, …], low-passed and decimated to [N, …]."""
@@ -267,9 +271,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     seen = np.isfinite(data.position).any(axis=0)
     good = np.isfinite(data.velocity + data.torque).all(axis=1)
     good &= np.isfinite(data.position[:, seen]).all(axis=1)
-    data = _cut(data, good)
-    middle = np.nanmedian(data.voltage) if np.isfinite(data.voltage).any() else VOLTAGE
-    data = with_voltage(data, float(middle))
+    data = _fill_voltage(_cut(data, good))
     constants = torque_constants(data)
     data = with_torque(data, constants)
     lag = velocity_lag(data)
@@ -363,6 +365,14 @@ def _cut(data: AlignedDataset, good: Bools) -> AlignedDataset:
     segment = data.segment.astype(np.int64) * (int(hole.max()) + 1) + hole
     _, numbered = np.unique(segment, return_inverse=True)
     return replace(data, segment=numbered.astype(np.int32)).rows(good)
+
+
+def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
+    voltage = np.asarray(data.voltage, dtype=np.float32)
+    known = np.isfinite(voltage)
+    if known.all():
+        return data
+    return with_voltage(data, float(np.nanmedian(voltage)) if known.any() else VOLTAGE)
 
 
 def _meter_noise(data: AlignedDataset, meters: Floats, reducer: Reducer) -> Floats:
