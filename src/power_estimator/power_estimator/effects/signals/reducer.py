@@ -106,10 +106,7 @@ class Reducer:
     ) -> Floats:
         """Return values [L, …] reduced to [N, …]; slices: of these, by stretch."""
         stretches = self.stretches()
-        rows = np.ascontiguousarray(np.moveaxis(values, 0, -1), dtype=np.float64)
-        rows = rows.reshape(
-            int(np.prod(values.shape[1:])), len(values)
-        )  # no copy where they lie so
+        rows = _by_time(values)  # [k, L]
         out = np.empty((len(rows), stretches[-1].stop if stretches else 0))
         for places in self._alike:
             parts = [rows[:, slices[place]] for place in places]
@@ -164,6 +161,12 @@ def _filter(half: int, rate: float, window: float, shift: float) -> Floats:
         inside = np.abs(time) <= window / 2
         return np.asarray(inside / inside.sum(), np.float64)[::-1]
     return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)[::-1]
+
+
+def _by_time(values: Floats | Singles) -> Floats:
+    """Values [T, ...] as rows [k, T] of one signal each; no copy where they lie so."""
+    rows = np.ascontiguousarray(np.moveaxis(values, 0, -1), dtype=np.float64)
+    return rows.reshape(int(np.prod(values.shape[1:])), len(values))
 
 
 def _known(rows: Floats, taps: Floats, factor: int, count: int) -> Floats:
