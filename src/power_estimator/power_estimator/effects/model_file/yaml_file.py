@@ -137,7 +137,9 @@ def _rounded(content: Any) -> Any:
         return {key: _rounded(own) for key, own in content.items() if own is not None}
     if isinstance(content, list | tuple):
         return [_rounded(own) for own in content]
-    return float(f'{content:.6g}') if isinstance(content, int | float) else content
+    if content is None or isinstance(content, str):
+        return content
+    return float(f'{content:.6g}')  # also of a NumPy number, which YAML would not know
 
 
 def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
