@@ -12,6 +12,7 @@ from wattwalk_core.arrays import Floats
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, weighted
 from power_estimator.effects.fit.design_builder import DesignBuilder
+from power_estimator.effects.signals.reducer import Reducer
 from power_estimator.posterior.discrepancy import fourier
 from power_estimator.posterior.priors import DEPARTURES, KINDS
 from power_estimator.posterior.sensors import slip
@@ -59,8 +60,7 @@ class Departures:
 
     def __init__(self, builder: DesignBuilder) -> None:
         """builder: of the meter, which has its signals."""
-        self._builder, self._prepared = builder, builder.prepared
-        self._signals, self._reducer = builder.prepared.signals, builder.prepared.reducer
+        self._builder = builder
 
     def of(self, point: Point, signals: Signals) -> Departed:
         """Return the departures of a point's effects, and of the shaft's power.
@@ -164,6 +164,14 @@ class Departures:
             way[part] = slip(s.position[part], _REACH * s.scale.standstill)
         return np.nan_to_num(way)
 
+    @property
+    def _signals(self) -> Signals:
+        return self._builder.prepared.signals
+
+    @property
+    def _reducer(self) -> Reducer:
+        return self._builder.prepared.reducer
+
     @cached_property
     def _thin_causes(self) -> Mapping[str, Floats]:
         return {name: self._reducer.thin(cause) for name, cause in self._causes.items()}
@@ -196,7 +204,7 @@ class Departures:
         for kinds, (weights, count, _) in _BENDS.items():
             random = np.random.default_rng(5)
             raw = [weight * self._causes[name] for name, weight in weights.items()]
-            by_drive = self._prepared.reduced(np.stack(raw, axis=2)).swapaxes(0, 1)
+            by_drive = self._builder.prepared.reduced(np.stack(raw, axis=2)).swapaxes(0, 1)
             parts = [fourier(random, inputs, count, _LENGTH) for inputs in by_drive]
             out[kinds] = np.stack(parts, axis=1)
         return out
