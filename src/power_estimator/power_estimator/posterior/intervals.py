@@ -65,7 +65,8 @@ def posterior_draws(
         parts = [np.empty((len(scale), 0))]
         for effect in free:
             own = drawn_of(summaries[meter], effect, prepared, d)
-            parts.append(np.clip(own, *_bounds(effect, prepared.signals.scale)[:, d]))
+            low, high = _bounds(effect, prepared.signals.scale)[:, d]
+            parts.append(np.clip(own, low, high))
         chosen = (picks[meter] * len(scale)).astype(np.intp)
         found.append(np.concatenate(parts, axis=1)[chosen])
         # A sensor that reads low stands for more torque than it says.
@@ -113,15 +114,17 @@ def with_intervals(
         own = assign(drives, [group.type])[group.type.name]
         found = {d: summaries[0 if prepared.whole else d] for d in own}
         scale = DriveScale.stack([group.scale])
-        coefficients, errors = {}, {}
+        coefficients = {}
         for name, values in group.coefficients.items():
             effect = effects[name]
             drawn = [drawn_of(summary, effect, prepared, d) for d, summary in found.items()]
-            ends = np.clip(interval(drawn), *_bounds(effect, scale)[:, 0])
+            least, most = _bounds(effect, scale)[:, 0]
+            ends = np.clip(interval(drawn), least, most)
             coefficients[name] = tuple(
                 value.within(float(low), float(high))
                 for value, low, high in zip(values, *ends, strict=True)
             )
+        errors = {}
         for name, value in group.measurement.items():
             drawn = [one.sensors[name] for one in found.values() if name in one.sensors]
             errors[name] = value.within(*interval(drawn).tolist()) if drawn else value

@@ -124,9 +124,14 @@ def judged_effects(
         for shape in _shapes(active.effect, signals, orders)
         if shape != active.parameters
     ]
-    candidates, tried = [*other_shapes, *lacking], {PERIODIC: orders.tried}
     search = EffectSearch(
-        signals, problems, free, candidates, tried, underneath=base is not None, show=show
+        signals,
+        problems,
+        free,
+        [*other_shapes, *lacking],
+        {PERIODIC: orders.tried},
+        underneath=base is not None,
+        show=show,
     )
     chosen = search.run()
     points = search.settled(chosen)
@@ -199,18 +204,21 @@ def _candidates(
     sizes = np.array([max(meters[d].discrepancy_w, 1e-12) for d in search.searched])
     here = search.screened([chosen], chosen)[chosen]
     for name, (score, new, _) in search.best_new(search.more(chosen), chosen, chosen).items():
-        explains = np.array([_beside(search, m, chosen, new) for m in range(len(sizes))])
+        explains = np.array([_beside(search, m, chosen, new) for m in range(len(search.meters))])
         odds = search.odds_beside(name, chosen, score - here)
         log = tempered(search.prior_odds(name), odds, ratio_of(explains[:, 1], sizes))
         probability = max(float(expit(log)), instead.get(name, 0.0))
         found.append((new, _rms_levels(explains), probability))
-    shares = [float(explains[1] ** 2 / max(misses, 1e-12)) for _, explains, _ in found]
-    return _in_order(
-        [
-            JudgedEffect(search.actives[place], probability, explains, share)
-            for (place, explains, probability), share in zip(found, shares, strict=True)
-        ]
-    )
+    out = [
+        JudgedEffect(
+            search.actives[place],
+            probability,
+            explains,
+            float(explains[1] ** 2 / max(misses, 1e-12)),
+        )
+        for place, explains, probability in found
+    ]
+    return _in_order(out)
 
 
 def _beside(search: EffectSearch, m: int, chosen: Chosen, new: int) -> Floats:

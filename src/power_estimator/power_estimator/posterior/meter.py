@@ -124,15 +124,15 @@ class MeterProblem:
         size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
         power = beside[:, 0, 0]
         nuisance = np.concatenate([beside[:, 0, 1:], departed.formed], axis=1)
-        linear = sum(
-            (of[active.key] @ own for active, own in point.values()), np.zeros(len(joined))
-        )
+        linear = np.zeros(len(joined))
+        for active, own in point.values():
+            linear += of[active.key] @ own
         metered = self._metered_share(power)
         of_point = ~np.isin((*SENSORS, *departed.causes), UNMOVED)
         nuisance = nuisance * np.where(of_point, metered, 1.0)
-        here = {active.key for active in actives}
+        keys = {active.key for active in actives}
         may_be_absent = self.noise.absent if self.noise else ()
-        absent = [i for i, key in enumerate(may_be_absent) if key not in here]
+        absent = [i for i, key in enumerate(may_be_absent) if key not in keys]
         scaled = self._sizes(actives, point, raw) / size
         return EffectColumns(
             tuple(actives),
@@ -332,12 +332,14 @@ def _friction_at_one(
     weights, place = np.zeros(len(scaled) + nuisances), 0
     sizes = {'friction': 0.0, 'viscous': 0.0}
     for active in actives:
-        if active.name in FRICTIONS:
-            speed = active.parameters.get('speed')
-            share = float(np.exp(-(speed**-2))) if speed else 1.0
-            weights[place] = share * scaled[place]
-            if active.name in point:
-                sizes[KINDS[active.name]] += share * float(point[active.name][1][0])
+        share = 0.0
+        if active.name in ('viscous_friction', 'coulomb_friction'):
+            share = 1.0
+        elif active.name == 'stribeck_friction':
+            share = float(np.exp(-(active.parameters['speed'] ** -2)))
+        weights[place] = share * scaled[place]
+        if active.name in point and share:
+            sizes[KINDS[active.name]] += share * float(point[active.name][1][0])
         place += len(active.effect.terms)
     for column, (kind, value) in at_one.items():
         weights[len(scaled) + len(SENSORS) + column] = sizes[kind] * value
