@@ -84,6 +84,11 @@ def test_an_effect_says_all_about_itself_and_returns_what_it_promises(name):
     assert set(effect.near) <= set(CATALOGUE)
 
 
+def test_nobody_changes_a_catalogue():
+    for change in ('__setitem__', '__delitem__', 'pop', 'update', 'clear', 'setdefault'):
+        assert not hasattr(builtin_catalogue(), change)
+
+
 def test_shaft_power_is_torque_times_speed():
     assert watts({'shaft': 1.0}, signals(10.0, 2.0)) == pytest.approx(20.0)
     assert watts({'shaft': 1.0}, signals(10.0, -2.0)) == pytest.approx(-20.0)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,14 @@ def test_power_is_the_sum_of_the_effects_on_every_drive_of_the_type():
     power = model().predict(data())
     assert power[:, :2] == pytest.approx(20.0 + 0.02 * 100.0 + 8.0)
     assert np.isnan(power[:, 2]).all()
+
+
+def test_numbers_of_numpy_are_written_as_numbers_with_six_digits(tmp_path):
+    (group,) = model().groups
+    given = replace(group, voltage=np.float32(24.123456789), copper=np.int64(2))
+    write_model(replace(model(), groups=(given,)), tmp_path / 'm.yaml')
+    (found,) = read_model(tmp_path / 'm.yaml', CATALOGUE).groups
+    assert (found.voltage, found.copper) == (24.1235, 2.0)
 
 
 def test_a_model_stands_on_another_one():
