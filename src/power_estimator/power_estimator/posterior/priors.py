@@ -58,7 +58,7 @@ _NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     'motion': ('rotor_inertia', 'spring'),
     'cogging': ('cogging',),
 }
-KINDS: Final = {name: kind for kind, names in _NAMES.items() for name in names}
+KINDS: Final[Mapping[str, str]] = {name: kind for kind, names in _NAMES.items() for name in names}
 DEPARTURES: Final[Mapping[str, Mapping[str, float]]] = {
     'friction': {
         'speed': 0.2,
