@@ -131,11 +131,14 @@ class Session:
 
         others: files, `ppn:RUN`, proxies by name, models, or sessions (their models).
         """
-        models, specs = [], []
-        for one in others if self.given is None else (self, *others):
-            given = one.model if isinstance(one, Session) else one
-            models.append(self.load(given).model if isinstance(given, str) else given)
-            spec = one.spec if isinstance(one, Session) else ''
+        models = [] if self.given is None else [self.given]
+        specs = [self.spec or model.name for model in models]
+        for other in others:
+            given = other.model if isinstance(other, Session) else other
+            models.append(
+                load_model(given, self.judge.catalogue) if isinstance(given, str) else given
+            )
+            spec = other.spec if isinstance(other, Session) else ''
             specs.append(given if isinstance(given, str) else spec or given.name)
         return comparison(self.judge, models, specs)
 

@@ -55,9 +55,11 @@ class DriveAccount:
         """
         parts: dict[str, Floats] = {}
         for name, values in found.parts.items():
-            parts[name] = np.maximum(values, 0.0) if name == SHAFT else values
             if name == SHAFT:
+                parts[SHAFT] = np.maximum(values, 0.0)
                 parts[REGENERATION] = np.minimum(values, 0.0)
+            else:
+                parts[name] = values
         slopes = list(found.slopes.values())
         owners = [part for part, _ in found.slopes]
         moved = [changes[:, column] for _, column in found.slopes]
@@ -230,8 +232,16 @@ class Accounts:
                     whole[index].append(self._tally(account, index, robot, share))
         for index, tallies in enumerate(found):
             self._add_groups(tallies, whole[index], index)
-        signals = np.stack(power, axis=1), self.metered, state, masks
-        return PartsOverTime(names, parts, *signals, prepared.reducer.stretches()), found
+        over_time = PartsOverTime(
+            names=names,
+            parts=parts,
+            power=np.stack(power, axis=1),
+            metered=self.metered,
+            state=state,
+            masks=masks,
+            stretches=prepared.reducer.stretches(),
+        )
+        return over_time, found
 
     @property
     def together(self) -> list[list[int]]:
@@ -267,7 +277,8 @@ class Accounts:
 
     def _tally(self, account: DriveAccount, index: int, masks: Masks, meter: Floats) -> Tally:
         rows = self.prepared.recording == index
-        return account.tally(rows, masks, meter, *self._blocks[index])
+        block, often = self._blocks[index]
+        return account.tally(rows, masks, meter, block, often)
 
     @cached_property
     def _blocks(self) -> list[tuple[NDArray[np.intp], Floats]]:

@@ -108,9 +108,15 @@ class Budget:
 
     def table(self) -> str:
         """Return the budget as text tables, 100 columns wide."""
-        sentence, of = headline(self.account, self.levers), (self.account, *self.accounts)
-        changes = self.differences, self.levers
-        return tables(sentence, self.origin, of, *changes, self.refused, self.battery)
+        return tables(
+            sentence=headline(self.account, self.levers),
+            model=self.origin,
+            accounts=(self.account, *self.accounts),
+            differences=self.differences,
+            levers=self.levers,
+            refused=self.refused,
+            battery=self.battery,
+        )
 
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `budget --json` writes them."""

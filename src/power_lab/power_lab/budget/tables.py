@@ -53,12 +53,13 @@ def headline(account: Account, levers: Sequence[Lever] = ()) -> str:
         return said
     best = min(sure, key=lambda one: one.mean_w)
     name, _, factor = best.change.partition('=')
-    if name == 'idle' and 'idle' not in {one.effect for one in shares}:
+    if name == 'payload':
+        name = 'weight to carry'
+    elif name == 'idle' and 'idle' not in {one.effect for one in shares}:
         name = ELECTRONICS  # a robot with one meter
-    name = 'weight to carry' if name == 'payload' else in_words(name)
     by = 100.0 * (float(factor) - 1.0)
     change = f'{abs(by):.3g} % {"less" if by < 0.0 else "more"}'
-    return f'{said}; {change} {name} saves most, {-best.mean_w:.1f} W'
+    return f'{said}; {change} {in_words(name)} saves most, {-best.mean_w:.1f} W'
 
 
 def _unexplained(shares: Sequence[Share], watts: float) -> str:

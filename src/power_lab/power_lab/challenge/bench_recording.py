@@ -53,8 +53,10 @@ def record_motion(
     drive = drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:
         raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
-    hidden = None if challenge is None else Challenge.of(unseal(challenge))
-    plant = plant.unit(unit) if hidden is None else hidden.plant(plant)
+    if challenge is not None:
+        plant = Challenge.of(unseal(challenge)).plant(plant)
+    else:
+        plant = plant.unit(unit)
     pull = SPARE * max(_LEAST_LOAD, motion.strongest)
     world = stand_world(drive, Stand(_INERTIA, pull / (_GRAVITY * _LENGTH), _LENGTH))
     controller = MotionController(motion, Mounting(pull), JUMPS)

@@ -26,8 +26,9 @@ def run(options: argparse.Namespace) -> None:
             raise InputError(f'{active.name!r} is active in {options.to} already')
     with progress('reading and fitting'):
         lab = Session.open(*options.bag, catalogue=catalogue, **common.reading_of(options))
-        how = {'name': options.output.stem, 'per': options.per, 'seed': options.seed}
-        lab = lab.load(str(options.to)).add(options.effects, **how)
+        lab = lab.load(str(options.to)).add(
+            options.effects, name=options.output.stem, per=options.per, seed=options.seed
+        )
     better = lab.effects
     content = {
         'model': str(options.output),

@@ -2,7 +2,6 @@
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any
 
 from power_recordings.commands.arguments import add_doubts
 from wattwalk_core.command import Arguments, entry_point, watt_hours
@@ -13,9 +12,15 @@ from wattwalk_core.errors import InputError
 
 def add_effects_path(parser: ArgumentParser) -> None:
     """Add --effects-path: files of the user's own effects."""
-    how: dict[str, Any] = {'nargs': '+', 'action': 'extend', 'default': [], 'type': Path}
-    told = 'your own effects; these files are run, so name only what you trust'
-    parser.add_argument('--effects-path', metavar='FILE.py', **how, help=told)
+    parser.add_argument(
+        '--effects-path',
+        nargs='+',
+        action='extend',
+        default=[],
+        type=Path,
+        metavar='FILE.py',
+        help='your own effects; these files are run, so name only what you trust',
+    )
 
 
 def add_bags(made: ArgumentParser) -> None:
@@ -27,10 +32,15 @@ def add_bags(made: ArgumentParser) -> None:
 
 def add_reading(made: ArgumentParser) -> None:
     """Add --drives, --without for seconds to leave out, and options that admit doubts."""
-    add, out = made.add_argument, 'leave these seconds out of all judgement, as 12.5:14,30:31'
-    out += '; 2@12.5:14 of the second recording'
-    add('--drives', nargs='+', default=[], metavar='NAME', help='only these drives')
-    add('--without', nargs='+', default=[], metavar='FROM:TO', help=out)
+    made.add_argument('--drives', nargs='+', default=[], metavar='NAME', help='only these drives')
+    made.add_argument(
+        '--without',
+        nargs='+',
+        default=[],
+        metavar='FROM:TO',
+        help='leave these seconds out of all judgement, as 12.5:14,30:31; 2@12.5:14 of the second '
+        'recording',
+    )
     add_doubts(made)
 
 
@@ -44,8 +54,12 @@ def add_outputs(made: ArgumentParser, *, report: bool = True) -> None:
     """Add --json, and --report for an HTML page unless report is false."""
     made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
     if report:
-        kind = ending('--report', '.html')
-        made.add_argument('--report', type=kind, metavar='FILE.html', help='write a page to read')
+        made.add_argument(
+            '--report',
+            type=ending('--report', '.html'),
+            metavar='FILE.html',
+            help='write a page to read',
+        )
 
 
 @entry_point(
@@ -140,8 +154,13 @@ def budget(parser: ArgumentParser, args: Arguments) -> Namespace:
 )
 def compare(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_bags(parser)
-    told = 'model.yaml, ppn:RUN or a proxy'
-    parser.add_argument('--models', nargs='+', required=True, metavar='MODEL', help=told)
+    parser.add_argument(
+        '--models',
+        nargs='+',
+        required=True,
+        metavar='MODEL',
+        help='model.yaml, ppn:RUN or a proxy',
+    )
     add_workplace(parser, 'recordings read')
     add_outputs(parser)
     options = parser.parse_args(args)
@@ -160,10 +179,19 @@ def diagnose(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_bags(parser)
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
-    kind = ending('--motion', '.yaml')
-    add('--motion', type=kind, metavar='FILE.yaml', help='write what to record next')
-    to = 'fit that motion to joint_limits/1; without a file: to the limits of ANYmal C'
-    add('--limits', nargs='?', const='', metavar='FILE', help=to)
+    add(
+        '--motion',
+        type=ending('--motion', '.yaml'),
+        metavar='FILE.yaml',
+        help='write what to record next',
+    )
+    add(
+        '--limits',
+        nargs='?',
+        const='',
+        metavar='FILE',
+        help='fit that motion to joint_limits/1; without a file: to the limits of ANYmal C',
+    )
     add('--also', nargs='+', default=[], metavar='MODEL', help='models to show beside it')
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_workplace(parser, 'recordings read')
@@ -184,8 +212,14 @@ def discover(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
     add_output(parser, 'FILE.py', 'effects to write')
-    other = 'other recordings of the robot, to test the effects on'
-    add('--test', nargs='+', default=[], type=Path, metavar='BAG', help=other)
+    add(
+        '--test',
+        nargs='+',
+        default=[],
+        type=Path,
+        metavar='BAG',
+        help='other recordings of the robot, to test the effects on',
+    )
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser)
     return parser.parse_args(args)
@@ -234,13 +268,22 @@ def execute(parser: ArgumentParser, args: Arguments) -> Namespace:
 def fit(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_bags(parser)
     add = parser.add_argument
-    active = 'what is active; `all` lists what there is'
-    add('--effects', nargs='+', required=True, metavar='NAME,…', help=active)
+    add(
+        '--effects',
+        nargs='+',
+        required=True,
+        metavar='NAME,…',
+        help='what is active; `all` lists what there is',
+    )
     add_output(parser, 'MODEL.yaml')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
-    start = 'start from a drive of the library (power_lab drives): it decides what the recording'
-    add('--prior', metavar='drive:NAME', help=f'{start} does not')
+    add(
+        '--prior',
+        metavar='drive:NAME',
+        help='start from a drive of the library (power_lab drives): it decides what the recording '
+        'does not',
+    )
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser, report=False)
     options = parser.parse_args(args)

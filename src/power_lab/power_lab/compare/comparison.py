@@ -83,8 +83,16 @@ def comparison(
     ]
     judged, prepared = judge.compare(models, shown), judge.prepared
     state, labels = describe_state(prepared, judge.recordings)
-    about = state, prepared.signals.names, labels, prepared.signals.scale
-    regimes = [worst_regimes(by_drive(one.residual, prepared), *about) for one in judged]
+    regimes = [
+        worst_regimes(
+            by_drive(one.residual, prepared),
+            state,
+            prepared.signals.names,
+            labels,
+            scale=prepared.signals.scale,
+        )
+        for one in judged
+    ]
     worst = tuple(map(tuple, regimes))
     return Comparison(prepared, judged, worst, state, labels, both_sides(judge))
 

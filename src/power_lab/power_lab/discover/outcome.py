@@ -122,24 +122,36 @@ class DiscoveryOutcome:
     @property
     def sentence(self) -> str:
         """Result in words."""
-        found, named, first = self.discovery.found, self.discovery.named, ''
-        if named:
-            words = ' and '.join(f'{in_words(one.name)} ({one.explains:.2f} W)' for one in named)
-            them = 'it' if len(named) == 1 else 'them'
-            first = f'The catalogue names {words}: add {them} first. '
+        found, first = self.discovery.found, self._first
         if not found:
             beyond = 'Beyond that nothing' if first else 'Nothing'
             return f'{first}{beyond} is proposed: {self.discovery.nothing}.'
-        return first + ' '.join(map(self.told, found, self.transfers))
+        parts = [
+            self.told(one, transfer) for one, transfer in zip(found, self.transfers, strict=True)
+        ]
+        return first + ' '.join(parts)
+
+    @property
+    def _first(self) -> str:
+        """Named effects that the model lacks, in a sentence, '' for none."""
+        named = self.discovery.named
+        if not named:
+            return ''
+        words = ' and '.join(f'{in_words(one.name)} ({one.explains:.2f} W)' for one in named)
+        them = 'it' if len(named) == 1 else 'them'
+        return f'The catalogue names {words}: add {them} first. '
 
     def told(self, one: Found, transfer: Transfer | None) -> str:
         """Describe one effect, and its test on the other recording, in a sentence."""
         names = ', '.join(printable(self.own.prepared.names[d]) for d in one.drives)
         watts = f'{one.explains:.2f} W'
         if one.course is not None:
-            high = f'{one.course.shape.words}, {one.course.amplitude:.1f} W high'
-            look = 'This is no physics of the drive; look for what else runs at that time.'
-            return f'{watts} on {names} live in time alone: {high}. {look}'
+            course = one.course
+            return (
+                f'{watts} on {names} live in time alone: {course.shape.words}, '
+                f'{course.amplitude:.1f} W high. '
+                'This is no physics of the drive; look for what else runs at that time.'
+            )
         assert one.written is not None
         text = f'{one.name}: {printable(one.written.physics)}; it explains {watts} on {names}'
         if one.kept < KEEPS:
@@ -150,13 +162,20 @@ class DiscoveryOutcome:
 
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `discover --json` writes them."""
-        d, names, noise = self.discovery, self.own.prepared.names, self.own.prepared.noise
-        named = [(one.name, [names[drive] for drive in one.drives], one) for one in d.named]
+        names = self.own.prepared.names
+        d = self.discovery
         return {
-            'found': [*map(self._one, d.found, self.transfers)],
+            'found': [
+                self._one(one, transfer)
+                for one, transfer in zip(d.found, self.transfers, strict=True)
+            ],
             'named': [
-                {'name': name, 'drives': drives, 'explains_w': short(one.explains)}
-                for name, drives, one in named
+                {
+                    'name': one.name,
+                    'drives': [names[drive] for drive in one.drives],
+                    'explains_w': short(one.explains),
+                }
+                for one in d.named
             ],
             'sentence': self.sentence,
             'nothing': None if d.found else d.nothing,
@@ -171,7 +190,9 @@ class DiscoveryOutcome:
                     'floor_w': short(floor),
                     'sensor_noise_w': short(watts) if np.isfinite(watts) else None,
                 }
-                for name, floor, watts in zip(names, d.floor.tolist(), noise, strict=True)
+                for name, floor, watts in zip(
+                    names, d.floor.tolist(), self.own.prepared.noise.tolist(), strict=True
+                )
             },
         }
 
@@ -195,7 +216,6 @@ class DiscoveryOutcome:
             content['period_s'] = short(period) if period else None
         if one.formula is None or one.written is None:
             return content
-        values, intervals = one.coefficients or {}, one.coefficient_intervals or {}
         content |= {
             'physics': one.written.physics,
             'acts_on': one.formula.family.acts_on,
@@ -203,9 +223,13 @@ class DiscoveryOutcome:
             'bounds': {name: dict(given) for name, given in one.written.places.items()},
             'formulas': {names[d]: one.formula.text(d) for d in one.formula.places},
             'unit': one.formula.unit,
-            'coefficients': {names[d]: [*map(short, own)] for d, own in values.items()},
+            'coefficients': {
+                names[d]: [short(v) for v in values]
+                for d, values in (one.coefficients or {}).items()
+            },
             'intervals': {
-                names[d]: [[*map(short, ends)] for ends in own] for d, own in intervals.items()
+                names[d]: [[short(a), short(b)] for a, b in values]
+                for d, values in (one.coefficient_intervals or {}).items()
             },
             'keeps': short(one.kept),
             'near': list(one.written.near),
@@ -213,11 +237,15 @@ class DiscoveryOutcome:
             'rivals': [{'formula': text, 'leaves_w': short(watts)} for text, watts in one.rivals],
         }
         if transfer is not None:
-            errors = {'rmse_before_w': transfer.before, 'rmse_after_w': transfer.after}
+            before, after = (
+                dict(zip(transfer.drives, map(short, errors), strict=True))
+                for errors in (transfer.before, transfer.after)
+            )
             content['other_recording'] = {
-                key: dict(zip(transfer.drives, map(short, own), strict=True))
-                for key, own in errors.items()
-            } | {'reason': transfer.reason}
+                'rmse_before_w': before,
+                'rmse_after_w': after,
+                'reason': transfer.reason,
+            }
         return content
 
 
@@ -248,20 +276,33 @@ def discover(
     structure = own.structure(model.structure.actives).plus(*terms)
     discoverer = Discoverer(fitter, structure, catalogue, show, seed)
     discovery = discoverer.run()
-    structure = model.structure.plus(*discovery.actives)
-    better = replace(model, structure=structure, groups=(), fitted_on=())
+    better = replace(
+        model, structure=model.structure.plus(*discovery.actives), groups=(), fitted_on=()
+    )
     before, after = judge.compare([given, better])
     transfers: list[Transfer | None] = [None] * len(discovery.found)
     if test is not None and any(one.written for one in discovery.found):
         show('testing on another recording')
         transfers = _tested(test, judge, own, model, discovery)
-    tested_on = () if test is None else tuple(entry['name'] for entry in test.identities)
-    parts = model, loaded, own, discoverer, discovery, before, after, tuple(transfers)
-    return DiscoveryOutcome(*parts, tested_on)
+    return DiscoveryOutcome(
+        model=model,
+        loaded=loaded,
+        own=own,
+        discoverer=discoverer,
+        discovery=discovery,
+        before=before,
+        after=after,
+        transfers=tuple(transfers),
+        tested_on=() if test is None else tuple(entry['name'] for entry in test.identities),
+    )
 
 
 def _tested(
-    test: Loaded, judge: Judge, own: Material, model: EffectModel, discovery: Discovery
+    test: Loaded,
+    judge: Judge,
+    own: Material,
+    model: EffectModel,
+    discovery: Discovery,
 ) -> list[Transfer | None]:
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}

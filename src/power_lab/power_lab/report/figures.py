@@ -35,8 +35,9 @@ def traces(
     """
     part = worst_stretch(next(iter(residuals.values())), gap_free)
     t = time[part] - time[0]
-    shape = {'row_heights': [0.66, 0.34], 'vertical_spacing': 0.04}
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, **shape)
+    figure = make_subplots(
+        rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.04
+    )
     shown = line(t, measured[part], 'measured', COLORS['measured'], width=2.6)
     figure.add_trace(shown, row=1, col=1)
     for (name, residual), color in zip(residuals.items(), LINES, strict=False):
@@ -44,8 +45,9 @@ def traces(
         figure.add_trace(line(t, estimated, name, color), row=1, col=1)
         error = line(t, -residual[part], f'error of {name}', color, showlegend=False)
         figure.add_trace(error, row=2, col=1)
-    looks = {'line_width': 0, 'fillcolor': COLORS['grid'], 'layer': 'below'}
-    figure.add_hrect(y0=-floor, y1=floor, row=2, col=1, **looks)
+    figure.add_hrect(
+        y0=-floor, y1=floor, row=2, col=1, line_width=0, fillcolor=COLORS['grid'], layer='below'
+    )
     figure.update_yaxes(title_text='power in W', row=1, col=1)
     figure.update_yaxes(title_text='error in W', row=2, col=1)
     figure.update_xaxes(title_text=axis, row=2, col=1)
@@ -63,13 +65,18 @@ def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: 
     torques, speeds = (short(0.5 * (own[1:] + own[:-1])) for own in edges)
     with np.errstate(invalid='ignore'):
         mean = np.where(rows >= 5, sums / rows, np.nan)
-    looks = {
-        'colorscale': _DIVERGING,
-        'colorbar': {'title': {'text': 'W'}, 'thickness': 12, 'len': 0.95},
-        'hovertemplate': '%{x} rad/s, %{y} N·m: %{z} W<extra></extra>',
-    }
-    scale = {'zmin': -limit, 'zmax': limit}
-    figure = go.Figure(go.Heatmap(x=speeds, y=torques, z=short(mean), **scale, **looks))
+    figure = go.Figure(
+        go.Heatmap(
+            x=speeds,
+            y=torques,
+            z=short(mean),
+            zmin=-limit,
+            zmax=limit,
+            colorscale=_DIVERGING,
+            colorbar={'title': {'text': 'W'}, 'thickness': 12, 'len': 0.95},
+            hovertemplate='%{x} rad/s, %{y} N·m: %{z} W<extra></extra>',
+        )
+    )
     figure.update_xaxes(title_text='speed in rad/s')
     figure.update_yaxes(title_text='torque in N·m')
     return finished(figure)
@@ -102,8 +109,9 @@ def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Fl
         for mask in groups.values():
             own = residual[mask & np.isfinite(residual)]
             values.append(float(np.sqrt(np.mean(np.square(own)))) if own.size else 0.0)
-        looks = {'name': name, 'marker': {'color': color}}
-        figure.add_trace(go.Bar(x=list(groups), y=short(values), **looks))
+        figure.add_trace(
+            go.Bar(x=list(groups), y=short(values), name=name, marker={'color': color})
+        )
     figure.update_yaxes(title_text='RMS error in W', rangemode='tozero')
     figure.update_layout(barmode='group')
     return finished(figure)
@@ -112,15 +120,27 @@ def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Fl
 def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bool]) -> Figure:
     """Bars of the power in W that each effect explains, the first on top; chosen: coloured."""
     colors = [COLORS['better'] if own else COLORS['line'] for own in chosen]
-    looks = {'marker': {'color': colors[::-1]}, 'hovertemplate': '%{y}: %{x} W<extra></extra>'}
-    bars = {'y': list(names)[::-1], 'x': short(list(watts)[::-1]), 'orientation': 'h'}
-    figure = go.Figure(go.Bar(**bars, **looks))
+    figure = go.Figure(
+        go.Bar(
+            y=list(names)[::-1],
+            x=short(list(watts)[::-1]),
+            orientation='h',
+            marker={'color': colors[::-1]},
+            hovertemplate='%{y}: %{x} W<extra></extra>',
+        )
+    )
     figure.update_xaxes(title_text='explains, W', rangemode='tozero')
     figure.update_yaxes(automargin=True, ticksuffix='  ')
     return finished(figure)
 
 
-_DIVERGING = ['#2166ac', '#67a9cf', '#f2f2f2', '#ef8a62', '#b2182b']
+_DIVERGING = [
+    [0.0, '#2166ac'],
+    [0.25, '#67a9cf'],
+    [0.5, '#f2f2f2'],
+    [0.75, '#ef8a62'],
+    [1.0, '#b2182b'],
+]
 
 
 def line(
@@ -185,10 +205,16 @@ class Stairs:
         """
         former = [entry for entry in history[:-1] if _comparable(entry, judged[0], loaded)]
         last = [entry for entry in history[-1:] if _comparable(entry, judged[0], loaded)]
-        of_steps = [', '.join(e.get('added', ())) or str(e.get('step')) for e in former + last]
-        names = *of_steps, *(one.name for one in judged[len(last) :])
+        names = [
+            ', '.join(entry.get('added', ())) or str(entry.get('step'))
+            for entry in (*former, *last)
+        ]
         errors = [over_meters(entry['rmse_w'].values()) for entry in former]
-        return cls(names, (*errors, *(one.rms_w for one in judged)), noise_w(noise))
+        return cls(
+            (*names, *(one.name for one in judged[len(last) :])),
+            (*errors, *(one.rms_w for one in judged)),
+            noise_w(noise),
+        )
 
     def __str__(self) -> str:
         return '\n'.join(
@@ -205,9 +231,12 @@ class Stairs:
         labels = [f'{name} {level:.2f} W' for name, level in across.items()]
         for label, level, dash in zip(labels, across.values(), dashes, strict=False):
             color = COLORS['third'] if dash == 'dash' else COLORS['faint']
-            text = {'text': label, 'xanchor': 'left', 'yanchor': 'middle'}
-            told = {'annotation': text, 'annotation_position': 'right'}
-            figure.add_hline(y=level, line={'color': color, 'dash': dash}, **told)
+            figure.add_hline(
+                y=level,
+                line={'color': color, 'dash': dash},
+                annotation={'text': label, 'xanchor': 'left', 'yanchor': 'middle'},
+                annotation_position='right',
+            )
         figure.update_layout(bargap=0.55)
         top = max([*self.errors, *across.values()])
         figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
