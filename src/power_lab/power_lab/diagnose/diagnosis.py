@@ -56,8 +56,16 @@ def residual(found: JudgedEffects, base: Evidence, best: Evidence, prepared: Pre
     power = np.nanmean(np.square(prepared.power_at(0.0)), axis=0)
     share = left / np.maximum(power, 1e-12)
     counts = share.mean() >= OFF**2 or share.max() >= (_ALONE * OFF) ** 2
-    over, names = _causes(found, left, prepared), tuple(prepared.names)
-    return Residual(left, missed, by_chance, power, prepared.noise, over, names, bool(counts))
+    return Residual(
+        left=left,
+        missed=missed,
+        by_chance=by_chance,
+        power=power,
+        noise=prepared.noise,
+        over=_causes(found, left, prepared),
+        names=tuple(prepared.names),
+        counts=bool(counts),
+    )
 
 
 def _causes(found: JudgedEffects, left: Floats, prepared: Prepared) -> tuple[str, ...]:
@@ -151,8 +159,15 @@ def diagnosed(
         candidates = tuple(
             replace(one, probability=doubted) if one.name == name else one for one in candidates
         )
-    left = residual(found, fits.base, best, own.prepared)
-    return Diagnosis(found, own.prepared, apart, fits.base, best, candidates, left)
+    return Diagnosis(
+        found=found,
+        prepared=own.prepared,
+        apart=apart,
+        base=fits.base,
+        best=best,
+        candidates=candidates,
+        left=residual(found, fits.base, best, own.prepared),
+    )
 
 
 def _possible(found: JudgedEffects) -> JudgedEffects:

@@ -152,7 +152,10 @@ class Residual:
             'share': short(min(1.0, self.left.sum() / max(self.missed.sum(), 1e-12))),
             'over': list(self.over),
             'noise_w': short(self.noise_w) if np.isfinite(self.noise_w) else None,
-            'drives': dict(zip(self.names, map(short, np.sqrt(self.left)), strict=True)),
+            'drives': {
+                name: short(watts)
+                for name, watts in zip(self.names, np.sqrt(self.left).tolist(), strict=True)
+            },
         }
 
 

@@ -49,11 +49,12 @@ class MeasurementTerm:
         """Sentence on the error: drive, size, and the check or calibration that removes it."""
         read = f'{1.0 + self.value:.2f} of what the power says'
         match self.name:
+            case 'torque_scale' if self.at_motor:
+                check = 'check its constant, and the meter.'
+                return f'The torque of {self.drive} reads {read}: {check}'
             case 'torque_scale':
                 gear = f', or a gear that loses {-self.value:.0%}' if self.value < 0 else ''
                 check = f'a wrong scale{gear}, or the meter; weigh a known mass on it.'
-                if self.at_motor:
-                    check = 'check its constant, and the meter.'
                 return f'The torque of {self.drive} reads {read}: {check}'
             case 'power_gain':
                 way = 'high' if self.value > 0 else 'low'

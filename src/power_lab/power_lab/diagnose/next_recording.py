@@ -14,7 +14,6 @@ from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting
 from power_estimator.effects import Catalogue, Excitation
 from power_estimator.effects.signals.scale import DriveScale
-from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
@@ -103,11 +102,13 @@ def separating_motion(
         texts.append(f'{name}: {excitation.told(len(drives))}')
         supply.update(excitation.supply)
         new = _segments(excitation)
-        if seconds := _seconds(new):  # a short time would not be told from chance
-            new *= max(1, math.ceil(LEAST_OF_EACH / seconds))
+        seconds = _seconds(new)
+        if seconds:  # too short a time would not be told from chance
+            new = new * max(1, math.ceil(LEAST_OF_EACH / seconds))
         if not all(segment in segments for segment in new):
             segments += new
-    if (total := _seconds(segments)) > _LONGEST:  # all are shortened alike
+    total = _seconds(segments)
+    if total > _LONGEST:  # all are shortened alike
         segments = [
             {**segment, 'seconds': round(float(segment['seconds']) * _LONGEST / total, 1)}
             for segment in segments
@@ -123,17 +124,20 @@ def _seconds(segments: Iterable[Mapping[str, Any]]) -> float:
 def _scaled(excitation: Excitation, scale: DriveScale | None) -> Excitation:
     if scale is None:
         return excitation
-
-    def times(values: Sequence[float], of: Floats) -> tuple[float, ...]:
-        return tuple(float(f'{value * float(of.min()):.4g}') for value in values)
-
+    torque, speed, volts = (
+        float(values.min()) for values in (scale.torque, scale.speed, scale.voltage)
+    )
     return replace(
         excitation,
-        speeds=times(excitation.speeds, scale.speed),
-        loads=times(excitation.loads, scale.torque),
-        amplitude=times([excitation.amplitude], scale.speed)[0],
-        supply=times(excitation.supply, scale.voltage),
+        speeds=tuple(_short(value * speed) for value in excitation.speeds),
+        loads=tuple(_short(value * torque) for value in excitation.loads),
+        amplitude=_short(excitation.amplitude * speed),
+        supply=tuple(_short(value * volts) for value in excitation.supply),
     )
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.4g}')
 
 
 def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:

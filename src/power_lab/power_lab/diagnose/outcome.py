@@ -63,13 +63,16 @@ def judged_steps(
     """Judge a model as given, and with the named effects added one by one; spec: name to show."""
 
     def grown(actives: tuple[Active, ...], name: str) -> EffectModel:
-        known = judge.catalogue if whole else {}
-        given = [replace(a, shape=shapes.get(a.name, a.shape)) for a in model.structure.actives]
-        given += [
-            replace(a, effect=known.get(a.name, a.effect)) if a.effect.kind == 'physics' else a
-            for a in actives
-        ]
-        structure = Structure(tuple(given))
+        known = (
+            replace(active, effect=judge.catalogue[active.name])
+            if whole and active.name in judge.catalogue and active.effect.kind == 'physics'
+            else active
+            for active in actives
+        )
+        own = (
+            replace(one, shape=shapes.get(one.name, one.shape)) for one in model.structure.actives
+        )
+        structure = Structure((*own, *known))
         return replace(model, name=name, structure=structure, groups=(), fitted_on=(), history=())
 
     whole = judge.prepared.whole
@@ -159,9 +162,12 @@ class Outcome:
         found = [line for line in self.lines if line != self.sentence]
         shapes = {one.name: one.shape for one in self.diagnosis.found.known}
         for one in self.model.structure.actives:
-            both = one.shape, shapes.get(one.name, one.shape)
-            if both[0] != both[1]:
-                old, new = (', '.join(f'{name} = {v:g}' for name, v in each) for each in both)
+            better = shapes.get(one.name, one.shape)
+            if better != one.shape:
+                old, new = (
+                    ', '.join(f'{name} = {value:g}' for name, value in shape)
+                    for shape in (one.shape, better)
+                )
                 found.append(f'{in_words(one.name)} fits better with {new} than with {old}')
         if self.prepared.seconds < self.seconds - 1.0:
             judged = f'judged on {self.prepared.seconds:.0f} of {self.seconds:.0f} s'
@@ -257,7 +263,16 @@ def diagnose(
     effects, reason = _to_show(diagnosis)
     usable = [name for name in effects if catalogue[name].usable(signals)]
     motion = separating_motion(usable, catalogue, signals.names, reason, signals.scale)
-    return Outcome(model, loaded, catalogue, diagnosis, measurement, judged, motion, seconds)
+    return Outcome(
+        model=model,
+        loaded=loaded,
+        catalogue=catalogue,
+        diagnosis=diagnosis,
+        measurement=measurement,
+        judged=judged,
+        motion=motion,
+        seconds=seconds,
+    )
 
 
 def _to_show(diagnosis: Diagnosis) -> tuple[Sequence[str], str]:
