@@ -137,8 +137,13 @@ class Discoverer:
             drive: tuple((low, high) for low, high in own)
             for drive, own in zip(rows, between.tolist(), strict=True)
         }
-        known = replace(one, coefficients=by_drive, coefficient_intervals=intervals)
-        return replace(known, effect=load_effect(written), written=written)
+        return replace(
+            one,
+            effect=load_effect(written),
+            written=written,
+            coefficients=by_drive,
+            coefficient_intervals=intervals,
+        )
 
     def _next(
         self, best: Evidence, floor: Floats, found: Sequence[Found]
@@ -151,11 +156,7 @@ class Discoverer:
         in_times = {one.drive: one for one in courses_tried if one is not None}
         courses = {d: o for d, o in in_times.items() if o.gain >= 2.0 * float(floor[d]) ** 2}
         self.show(f'effect {number}: what it depends on')
-        screened = []
-        for problem in drives:
-            screen = DriverScreen(problem, point, prepared).screen
-            gains = map(screen, families(point.signals, problem.drive))
-            screened.append([one for one in gains if one is not None])
+        screened = [self._screened(problem, point) for problem in drives]
         base_error = {p.drive: max(p.base_error, 1e-9) for p in drives}
         likely = chance(screened, list(base_error.values()))
         explained = self._explained(drives, point, screened, number)
@@ -184,8 +185,9 @@ class Discoverer:
             size = float(np.sqrt(gain.max()))
             return None, f'{size:.2f} W of structure is less than can be judged', likely
         one = self._checked(ranked, best, floor, drives, point, found)
-        why = '' if one is not None else 'no formula stands beside the refitted model'
-        return one, why, likely
+        if one is None:
+            return None, 'no formula stands beside the refitted model', likely
+        return one, '', likely
 
     def _least_of_time(self, option: Option, point: Linearisation) -> float:
         """Share of what time explains that an option must explain not to be time.
@@ -202,6 +204,11 @@ class Discoverer:
         if within.var() < _SLOW * z.var():
             return _LEAST_OF_TIME
         return _LEAST_OF_TIME_SLOW.get(family.kind, _LEAST_OF_TIME_SLOW['temperature'])
+
+    def _screened(self, problem: DriveProblem, point: Linearisation) -> list[DriverGain]:
+        screen = DriverScreen(problem, point, self.fitter.prepared)
+        found = (screen.screen(family) for family in families(point.signals, problem.drive))
+        return [one for one in found if one is not None]
 
     def _explained(
         self,
@@ -329,11 +336,20 @@ class Discoverer:
         places: dict[str, dict[str, object]] = {}
         for drive, place in formula.places.items():
             driver = place.family.driver
-            given: dict[str, object] = {k: float(f'{v:.6g}') for k, v in place.parameters.items()}
+            given: dict[str, object] = {
+                key: float(f'{value:.6g}') for key, value in place.parameters.items()
+            }
             if driver.memory:
                 given['given'] = tuple(float(f'{v:.6g}') for v in driver.given)
             if driver.other:
                 given['other'] = driver.other
             places[names[drive]] = given
-        physics, near = in_short(formula, values, names), look_alikes(formula)
-        return Written(name, formula, physics, bounds, near, excitation(formula), places)
+        return Written(
+            name=name,
+            formula=formula,
+            physics=in_short(formula, values, names),
+            bounds=bounds,
+            near=look_alikes(formula),
+            excitation=excitation(formula),
+            places=places,
+        )

@@ -238,10 +238,12 @@ class Formula:
     def unit(self) -> str:
         """Unit of its coefficients."""
         family = self.family
-        unit, of_factor, parts = family.driver.unit, family.factor.unit, []
+        parts = []
+        unit = family.driver.unit
         if unit and self.primitive.name in (*_OF_DRIVER, *_OF_SQUARE):
             plain = unit if '·' not in unit and '/' not in unit else f'({unit})'
             parts.append(plain + ('²' if self.primitive.name in _OF_SQUARE else ''))
+        of_factor = family.factor.unit
         if of_factor:
             parts.append(f'({of_factor})' if '/' in of_factor else of_factor)
         base = 'N·m' if family.acts_on == 'torque' else 'W'
@@ -268,11 +270,12 @@ def refined(
     start = np.array([place.parameters[name] for name in names])
     low, high = np.quantile(z, (0.001, 0.999))
     span = float(high - low)
-    own_span = span
     if primitive.name == 'window':
         own_span = place.parameters['high'] - place.parameters['low']
-    if primitive.name == 'turn_window':
+    elif primitive.name == 'turn_window':
         own_span = 2.0 * place.parameters['half']
+    else:
+        own_span = span
     steps = np.full(len(start), 0.1 * own_span)
     if names[0] in ('scale', 'order'):
         steps = 0.15 * start if names[0] == 'scale' else np.array([0.3])

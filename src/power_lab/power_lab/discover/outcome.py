@@ -146,12 +146,9 @@ class DiscoveryOutcome:
         names = ', '.join(printable(self.own.prepared.names[d]) for d in one.drives)
         watts = f'{one.explains:.2f} W'
         if one.course is not None:
-            course = one.course
-            return (
-                f'{watts} on {names} live in time alone: {course.shape.words}, '
-                f'{course.amplitude:.1f} W high. '
-                'This is no physics of the drive; look for what else runs at that time.'
-            )
+            high = f'{one.course.shape.words}, {one.course.amplitude:.1f} W high'
+            look = 'This is no physics of the drive; look for what else runs at that time.'
+            return f'{watts} on {names} live in time alone: {high}. {look}'
         assert one.written is not None
         text = f'{one.name}: {printable(one.written.physics)}; it explains {watts} on {names}'
         if one.kept < KEEPS:
@@ -162,8 +159,8 @@ class DiscoveryOutcome:
 
     def json(self) -> dict[str, Any]:
         """Return JSON-compatible values, as `discover --json` writes them."""
-        names = self.own.prepared.names
-        d = self.discovery
+        d, names = self.discovery, self.own.prepared.names
+        noise = self.own.prepared.noise.tolist()
         return {
             'found': [
                 self._one(one, transfer)
@@ -190,9 +187,7 @@ class DiscoveryOutcome:
                     'floor_w': short(floor),
                     'sensor_noise_w': short(watts) if np.isfinite(watts) else None,
                 }
-                for name, floor, watts in zip(
-                    names, d.floor.tolist(), self.own.prepared.noise.tolist(), strict=True
-                )
+                for name, floor, watts in zip(names, d.floor.tolist(), noise, strict=True)
             },
         }
 
@@ -276,9 +271,8 @@ def discover(
     structure = own.structure(model.structure.actives).plus(*terms)
     discoverer = Discoverer(fitter, structure, catalogue, show, seed)
     discovery = discoverer.run()
-    better = replace(
-        model, structure=model.structure.plus(*discovery.actives), groups=(), fitted_on=()
-    )
+    structure = model.structure.plus(*discovery.actives)
+    better = replace(model, structure=structure, groups=(), fitted_on=())
     before, after = judge.compare([given, better])
     transfers: list[Transfer | None] = [None] * len(discovery.found)
     if test is not None and any(one.written for one in discovery.found):
@@ -298,11 +292,7 @@ def discover(
 
 
 def _tested(
-    test: Loaded,
-    judge: Judge,
-    own: Material,
-    model: EffectModel,
-    discovery: Discovery,
+    test: Loaded, judge: Judge, own: Material, model: EffectModel, discovery: Discovery
 ) -> list[Transfer | None]:
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}

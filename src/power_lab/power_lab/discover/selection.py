@@ -29,7 +29,10 @@ def express(problem: DriveProblem, shape: LearnedShape) -> list[Expression]:
     out = []
     for primitive in PRIMITIVES.values():
         grid, columns = primitive.on(shape.nodes)
-        if grid and (found := _best(problem, shape, reduced, columns)) is not None:
+        if not grid:
+            continue
+        found = _best(problem, shape, reduced, columns)
+        if found is not None:
             place, gain = found
             out.append(Expression(primitive, grid[place], gain))
     return out

@@ -137,8 +137,12 @@ def _joint(drive: LibraryDrive) -> dict[str, float]:
     """Attributes of the joint that the logs determine."""
     (group,) = drive.model.groups
     found = {'frictionloss': drive.card.frictionloss, 'damping': drive.card.damping}
-    friction = (('frictionloss', 'coulomb_friction'), ('damping', 'viscous_friction'))
-    for key, effect in (*friction, ('armature', 'rotor_inertia')):
+    effects = {
+        'frictionloss': 'coulomb_friction',
+        'damping': 'viscous_friction',
+        'armature': 'rotor_inertia',
+    }
+    for key, effect in effects.items():
         if effect in group.coefficients:
             found[key] = group.coefficients[effect][0].value
     return {key: value for key, value in found.items() if value}
@@ -152,7 +156,8 @@ def _head(drive: LibraryDrive, mark: str) -> list[str]:
         f'identified by wattwalk from {card.source} ({card.licence})',
         f'torque in N·m seen over speed in rad/s: {over_speed}',
     ]
-    if lacking := sorted({'armature', 'damping', 'frictionloss'} - {*_joint(drive)}):
+    lacking = [key for key in ('armature', 'damping', 'frictionloss') if key not in _joint(drive)]
+    if lacking:
         lines.append(f'not determined by the logs: {", ".join(lacking)}')
     return [f'{mark}{line}' for line in lines]
 
