@@ -37,9 +37,10 @@ def write_budget(path: Path, budget: Budget) -> None:
         'Metered': f'{account.energy_wh:.3g} Wh',
         'Model': budget.origin,
     }
-    hours = account.runtime(budget.battery).get('all') if budget.battery else None
-    if hours is not None:
-        facts['Battery'] = f'{budget.battery:g} Wh last {hours["hours"]:.2f} h'
+    if budget.battery:
+        hours = account.runtime(budget.battery).get('all')
+        if hours is not None:
+            facts['Battery'] = f'{budget.battery:g} Wh last {hours["hours"]:.2f} h'
     page.facts(facts)
     page.text(
         'The parts add up to what was metered; what no effect of the model explains is a part of '
@@ -224,8 +225,9 @@ def gait(cycle: GaitCyclePower) -> Figure:
         axes.fill_between(cycle.percent, begin, begin + band, facecolor=colour, lw=0, **looks)
     axes.plot(cycle.percent, cycle.metered, color='black', lw=2.0, label='metered')
     axes.axvspan(0.0, cycle.stance, ymax=0.03, color='#1a1a1a', lw=0)
-    looks = {'transform': axes.get_xaxis_transform(), 'fontsize': 9}
-    axes.text(cycle.stance + 1.0, 0.015, 'foot on the ground until here', **looks)
+    place = axes.get_xaxis_transform()
+    text = 'foot on the ground until here'
+    axes.text(cycle.stance + 1.0, 0.015, text, transform=place, fontsize=9)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel('gait cycle [%]')
     axes.set_ylabel('power of one leg [W]')
@@ -257,8 +259,9 @@ def _looks(colour: str) -> dict[str, Any]:
 def _legend(figure: Figure) -> None:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    looks = {'ncols': 4, 'frameon': False, 'fontsize': 9}
-    figure.legend(once.values(), once.keys(), loc='outside upper left', **looks)
+    figure.legend(
+        once.values(), once.keys(), loc='outside upper left', ncols=4, frameon=False, fontsize=9
+    )
 
 
 def _ribbon(

@@ -125,9 +125,12 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
     for column, name in enumerate(transfer.drives):
         without, with_ = (values[:, column] for values in transfer.residuals)
         known = np.isfinite(without) & np.isfinite(with_)
-        errors = {'without': without[known], 'with it': with_[known]}
-        time, measured = transfer.time[known], transfer.measured[known, column]
-        figure = figures.traces(time, measured, errors, 0.15)
+        figure = figures.traces(
+            transfer.time[known],
+            transfer.measured[known, column],
+            {'without': without[known], 'with it': with_[known]},
+            floor=0.15,
+        )
         panels[name] = page.figure(figure, f'{name} on another recording', size='tall')
     page.tabs(panels)
 
@@ -135,9 +138,9 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
 def _section_errors(page: Page, outcome: DiscoveryOutcome) -> None:
     discovery, names = outcome.discovery, outcome.own.prepared.names
     page.heading('Error on held-out data of the same recording')
-    judged = outcome.before, outcome.after
-    errors = ([one.drives[name].rmse_w for name in names] for one in judged)
-    figure = before_and_after(names, *errors)
+    before = [outcome.before.drives[name].rmse_w for name in names]
+    after = [outcome.after.drives[name].rmse_w for name in names]
+    figure = before_and_after(names, before, after)
     page.add(page.figure(figure, 'Held-out error', size='low'))
     if discovery.nothing:
         page.text(f'After that: {discovery.nothing}.', faint=True)
@@ -157,15 +160,32 @@ def shape_and_formula(learned: LearnedShape, formula: Floats, axes: tuple[str, s
     low = float(min((shape - band).min(), formula.min()))
     high = float(max((shape + band).max(), formula.max()))
     room = max(high - low, 1e-9)
-    looks = {'name': 'samples', 'marker': {'color': COLORS['grid']}, 'hoverinfo': 'skip'}
-    height = short(0.15 * room * bars)
-    figure = go.Figure(go.Bar(x=short(nodes), y=height, base=low - 0.2 * room, **looks))
-    there_and_back = short(np.concatenate([nodes, nodes[::-1]]))
-    edge = short(np.concatenate([shape + band, (shape - band)[::-1]]))
-    filled = {'fill': 'toself', 'fillcolor': _BAND, 'line': {'width': 0}, 'hoverinfo': 'skip'}
-    figure.add_trace(go.Scatter(x=there_and_back, y=edge, name='two standard errors', **filled))
-    lines = ('learned shape', shape, COLORS['base']), ('formula', formula, COLORS['better'])
-    for name, values, color in lines:
+    figure = go.Figure(
+        go.Bar(
+            x=short(nodes),
+            y=short(0.15 * room * bars),
+            base=low - 0.2 * room,
+            name='samples',
+            marker={'color': COLORS['grid']},
+            hoverinfo='skip',
+        )
+    )
+    edge = np.concatenate([shape + band, (shape - band)[::-1]])
+    figure.add_trace(
+        go.Scatter(
+            x=short(np.concatenate([nodes, nodes[::-1]])),
+            y=short(edge),
+            fill='toself',
+            fillcolor=_BAND,
+            line={'width': 0},
+            name='two standard errors',
+            hoverinfo='skip',
+        )
+    )
+    for name, values, color in (
+        ('learned shape', shape, COLORS['base']),
+        ('formula', formula, COLORS['better']),
+    ):
         figure.add_trace(figures.line(nodes, values, name, color, '%{x}: %{y}', width=2.2))
     figure.update_layout(bargap=0.0)
     figure.update_xaxes(title_text=axes[0])
@@ -189,9 +209,11 @@ def before_and_after(
 ) -> Figure:
     """Bars of the rms error of each drive without and with the effect, W."""
     figure = go.Figure()
-    for name, values, color in (('without', before, 'base'), ('with', after, 'better')):
-        looks = {'name': name, 'marker': {'color': COLORS[color]}}
-        figure.add_trace(figures.told_bars(drives, values, **looks))
+    for name, values, color in (
+        ('without', before, COLORS['base']),
+        ('with', after, COLORS['better']),
+    ):
+        figure.add_trace(figures.told_bars(drives, values, name=name, marker={'color': color}))
     top = max([*before, *after, 1e-9])
     figure.update_yaxes(title_text='RMS error in W', range=[0.0, 1.18 * top])
     figure.update_layout(barmode='group')

@@ -134,13 +134,7 @@ def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bo
     return finished(figure)
 
 
-_DIVERGING = [
-    [0.0, '#2166ac'],
-    [0.25, '#67a9cf'],
-    [0.5, '#f2f2f2'],
-    [0.75, '#ef8a62'],
-    [1.0, '#b2182b'],
-]
+_DIVERGING = ['#2166ac', '#67a9cf', '#f2f2f2', '#ef8a62', '#b2182b']
 
 
 def line(

@@ -136,7 +136,8 @@ def _section_failures(
     legend = ', '.join(f'{color}: {one.name}' for color, one in named)
     text = 'Mean error (model − measured) over the state of each drive; the map is of '
     page.text(f'{text}{shown[0].name}. Lines and bars: {legend}.', faint=True)
-    panels, prepared = {}, found.prepared
+    panels = {}
+    prepared = found.prepared
     residuals = {one.name: by_drive(one.residual, prepared) for one in shown}
     measured = by_drive(shown[-1].measured, prepared)
     for column in _worst_first(residuals[shown[0].name]):
@@ -148,8 +149,9 @@ def _section_failures(
         figure = figures.torque_speed_map(state['torque'], state['velocity'], first, limit)
         places = [page.figure(figure, f'Error of {name} over torque and speed')]
         for key in ('acceleration', 'position', 'time', 'temperature'):
-            values = state.get(key, np.array([np.nan]))
-            over = figures.error_over(key, values, own) if np.isfinite(values).all() else None
+            if key not in state or not np.isfinite(state[key]).all():
+                continue
+            over = figures.error_over(key, state[key], own)
             if over is not None:
                 places.append(page.figure(over, f'Error of {name} over {key}', size='low'))
         power = measured[:, column]

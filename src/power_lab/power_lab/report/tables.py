@@ -137,9 +137,15 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     shown = candidates_to_show(outcome.diagnosis)
     for one in shown:
         low, middle, high = one.explains
-        watts = f'{middle:.3f}', f'{low:.2g} … {high:.2g}'
-        alone = f'{one.share:.0%}', f'{one.delta_rmse_w:.3f}', f'{one.drive}: {one.in_words}'
-        table.add_row(one.name, certainty(one.probability), *watts, *alone)
+        table.add_row(
+            one.name,
+            certainty(one.probability),
+            f'{middle:.3f}',
+            f'{low:.2g} … {high:.2g}',
+            f'{one.share:.0%}',
+            f'{one.delta_rmse_w:.3f}',
+            f'{one.drive}: {one.in_words}',
+        )
     console.print(table)
     if more := len(outcome.diagnosis.candidates) - len(shown):
         console.print(f'and {more} less probable; all are in --json and --report')
@@ -147,10 +153,15 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     texts = ('value', '95 % interval', 'significant')
     terms = ruled_table(title, ('error', 'W', *texts), ('error', *texts))
     for name, term in content['measurement'].items():
-        value = f'{term["value"]:.3g} {"" if term["unit"] == "1" else term["unit"]}'
-        interval = '{:.3g} … {:.3g} ({})'.format(*term['interval'], term['drive'])
-        matters = 'yes' if term['matters'] else ''
-        terms.add_row(name, f'{term["watts"]:.2f}', value, interval, matters)
+        low, high = term['interval']
+        unit = '' if term['unit'] == '1' else term['unit']
+        terms.add_row(
+            name,
+            f'{term["watts"]:.2f}',
+            f'{term["value"]:.3g} {unit}',
+            f'{low:.3g} … {high:.3g} ({term["drive"]})',
+            'yes' if term['matters'] else '',
+        )
     console.print(terms)
     for regime in outcome.judged.comparison.regimes[0][:3]:
         console.print(f'the model fails at {regime.text}')
