@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,20 @@ class Regime:
         }
 
 
+class _Range(NamedTuple):
+    """Range of state with the sum of a model's error in it."""
+
+    conditions: tuple[str, ...]  # words
+    bounds: Mapping[str, tuple[float, float]]  # by quantity
+    summed: float  # estimated − measured, W
+    rows: float
+
+    @property
+    def square(self) -> float:
+        """Squared error that the mean in this range makes up, W²."""
+        return self.summed**2 / self.rows
+
+
 @dataclass(frozen=True)
 class Bin:
     """Mean and rms error, W, of the samples in one bin of a quantity."""
@@ -112,13 +127,18 @@ def worst_regimes(
         for key, words in (labels or {}).items():
             kinds += _by_label(error, key, words[good, drive])
         for kind in kinds:
-            best = max(kind, key=lambda one: one[2] ** 2 / one[3], default=None)
-            if best is not None:
-                conditions, bounds, summed, count = best
-                share = summed**2 / count / total
-                if share >= _LEAST_SHARE:
-                    place = conditions, bounds, summed / count, count / _RATE
-                    found.append(Regime(name, *place, share))
+            best = max(kind, key=lambda one: one.square, default=None)
+            if best is not None and best.square / total >= _LEAST_SHARE:
+                found.append(
+                    Regime(
+                        drive=name,
+                        conditions=best.conditions,
+                        bounds=best.bounds,
+                        error_w=best.summed / best.rows,
+                        seconds=best.rows / _RATE,
+                        share=best.square / total,
+                    )
+                )
     found.sort(key=lambda regime: -abs(regime.error_w) * np.sqrt(regime.share * regime.seconds))
     return found[:_SHOWN]
 
@@ -166,10 +186,6 @@ def _edges(scale: DriveScale | None, drive: int) -> tuple[tuple[float, ...], tup
     return torques, speeds
 
 
-_Range = tuple[tuple[str, ...], Mapping[str, tuple[float, float]], float, float]
-"""Conditions and bounds of a range of state, the sum of the error in it, W, and its rows."""
-
-
 def _by_load(
     mode: str,
     error: Floats,
@@ -195,11 +211,11 @@ def _by_load(
             if mode != 'at rest':
                 bounds['speed'] = speeds[c], speeds[d]
                 words.append(_words(*bounds['speed'], 'rad/s', speeds))
-            yield tuple(filter(None, words)), bounds, summed, rows
+            yield _Range(tuple(word for word in words if word), bounds, summed, rows)
 
 
 def _by_range(error: Floats, key: str, values: Floats) -> Iterator[_Range]:
-    """Yield ranges of a quantity that have at most half of the rows."""
+    """Yield ranges of a quantity over at most half of its bins, of about as many rows each."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1))).tolist()
     count = len(edges) - 1
     if count < 3:
@@ -207,19 +223,21 @@ def _by_range(error: Floats, key: str, values: Floats) -> Iterator[_Range]:
     place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, count - 1)
     sums, rows = (np.bincount(place, own, count) for own in (error, None))
     for a, b in combinations(range(count + 1), 2):
-        if b - a <= count // 2 and rows[a:b].sum() >= _LEAST_ROWS:
+        within = float(rows[a:b].sum())
+        if b - a <= count // 2 and within >= _LEAST_ROWS:
             low, high = edges[a], edges[b]
             words = f'{key} {digits(low)} to {digits(high)} {UNITS[key]}'
-            yield (words,), {key: (low, high)}, float(sums[a:b].sum()), float(rows[a:b].sum())
+            yield _Range((words,), {key: (low, high)}, float(sums[a:b].sum()), within)
 
 
 def _by_label(error: Floats, key: str, words: NDArray[np.str_]) -> Iterator[list[_Range]]:
+    """Yield each label's rows as a list of one range, as every label is a regime of its own."""
     kinds = [str(word) for word in np.unique(words) if word]
     for word in kinds if len(kinds) > 1 else []:
         own = error[words == word]
         if own.size >= _LEAST_ROWS:
             text = word if key == 'phase' else f'{key} {word}'
-            yield [((text,), {}, float(own.sum()), own.size)]
+            yield [_Range((text,), {}, float(own.sum()), own.size)]
 
 
 def _words(low: float, high: float, unit: str, edges: Sequence[float]) -> str:
