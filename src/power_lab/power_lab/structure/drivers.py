@@ -100,7 +100,10 @@ def families(signals: Signals, drive: int) -> Iterator[Family]:
 
 
 def _on(driver: Driver, torque: str = '', power: str = '') -> Iterator[Family]:
-    """Yield families of a driver; torque, power: names of factors, by what they act on."""
+    """Yield families of a driver; torque, power: names of factors, by what the family acts on.
+
+    Names are separated by spaces.
+    """
     for name in torque.split():
         yield Family(driver, FACTORS[name], 'torque')
     for name in power.split():
@@ -118,16 +121,14 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
         for position in places:
             yield from _on(position, torque='one sign velocity load_sign', power='one')
     for size in (False, True):
-        speed, torque, rate = (
-            Driver(f'{kind}_size', kind, f'|{symbol}|', unit, f'np.abs({code})')
-            if size  # for shapes that are even in it
-            else Driver(kind, kind, symbol, unit, code)
-            for kind, symbol, unit, code in _SIGNED
-        )
+        speed, torque, rate = (_signed_or_size(*quantity, size=size) for quantity in _SIGNED)
         yield from _on(speed, torque='sign' if size else 'one', power='one')
         yield from _on(torque, power='one velocity torque_square')
         yield from _on(torque, torque='sign')
-        yield from _on(rate, power='one') if size else _on(rate, torque='one')
+        if size:
+            yield from _on(rate, power='one')
+        else:
+            yield from _on(rate, torque='one')
     if float(np.ptp(signals.voltage[:, drive])) > 0.05:
         volts = Driver('voltage', 'voltage', 'V', 'V', 'signals.voltage[:, column]')
         yield from _on(volts, power='one torque_size speed')
@@ -138,8 +139,13 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
 
 
 _AFTER_REST = (
-    *((0.15, 0.0), (0.5, 0.0), (1.5, 0.0), (5.0, 0.0)),
-    *((0.0, 0.05), (0.0, 0.2), (0.0, 0.8)),
+    (0.15, 0.0),
+    (0.5, 0.0),
+    (1.5, 0.0),
+    (5.0, 0.0),
+    (0.0, 0.05),
+    (0.0, 0.2),
+    (0.0, 0.8),
 )
 """Seconds, or else rad of travel, over which a rest is forgotten."""
 _SIGNED = (
@@ -147,6 +153,13 @@ _SIGNED = (
     ('torque', 'torque', 'N·m', 'signals.torque[:, column]'),
     ('acceleration', 'a', 'rad/s²', 'signals.acceleration[:, column]'),
 )
+
+
+def _signed_or_size(kind: str, symbol: str, unit: str, code: str, *, size: bool) -> Driver:
+    """A quantity, or its magnitude for shapes that are even in it."""
+    if size:
+        return Driver(f'{kind}_size', kind, f'|{symbol}|', unit, f'np.abs({code})')
+    return Driver(kind, kind, symbol, unit, code)
 
 
 def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
@@ -174,7 +187,9 @@ def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
 
 def _of_others(signals: Signals, drive: int) -> Iterator[Family]:
     for other, name in enumerate(signals.names):
-        for quantity, symbol, unit, code in _OTHERS if other != drive else ():
+        if other == drive:
+            continue
+        for quantity, symbol, unit, code in _OTHERS:
             words = f'{symbol} of {name}'
             driver = Driver(quantity, 'other_drive', words, unit, code, other=name)
             yield from _on(driver, power='one')

@@ -73,11 +73,7 @@ class DriverScreen:
 
     def screen(self, family: Family) -> DriverGain | None:
         """Held-out gains of one family; None where its driver hardly varies."""
-        driver = driver_values(family.driver, self.point.signals, self.problem.drive)
-        if family.driver.name == 'angle':
-            driver = driver[self.prepared.reducer.centres()]
-        else:
-            driver = self.prepared.reduced(driver)
+        driver = self._driver(family)
         z = driver[self.rows]
         nodes = spread(z, _NODES_OF_TURN if family.driver.name == 'angle' else _NODES)
         if nodes is None:
@@ -98,6 +94,12 @@ class DriverScreen:
             return False
         alike = [float((values * np.roll(values, m, axis=0)).sum()) for m in self._moves]
         return sorted(alike)[-2] >= _REPEATS * square
+
+    def _driver(self, family: Family) -> Floats:
+        values = driver_values(family.driver, self.point.signals, self.problem.drive)
+        if family.driver.name == 'angle':
+            return values[self.prepared.reducer.centres()]
+        return self.prepared.reduced(values)
 
     def _weight(self, family: Family) -> Floats:
         key = (family.factor.name, family.acts_on)
@@ -149,16 +151,17 @@ class DriverScreen:
             (targets.train, targets.test), self._sums(columns, beside), strict=True
         ):
             cross = own[:, :, k : k + m]
-            above = [base[:, :, :m], cross.swapaxes(1, 2)]
-            grams.append(np.block([above, [cross, own[:, :, :k]]]))
+            whole = [[base[:, :, :m], cross.swapaxes(1, 2)], [cross, own[:, :, :k]]]
+            grams.append(np.block(whole))
             rights.append(np.concatenate([base[:, :, m:], own[:, :, k + m :]], axis=1))
         (train, test), (right_train, right_test) = grams, rights
+        curved = bend(k)
         unit = max(float(np.trace(train[:, m:, m:].mean(axis=0))) / k, 1e-12)
         best = np.full(right_test.shape[2], -np.inf)
         for smoothing in _SMOOTHING:
             matrix = train.copy()
             matrix[:, :m, :m] += np.diag(self._ridge)
-            matrix[:, m:, m:] += unit * (smoothing * bend(k) + 1e-6 * np.eye(k))
+            matrix[:, m:, m:] += unit * (smoothing * curved + 1e-6 * np.eye(k))
             error = _error(test, right_test, _solved(matrix, right_train))
             best = np.maximum(best, targets.start - error)
         return best / len(self.rows)

@@ -137,10 +137,19 @@ def problems(
             use=blocks.use[..., drive : drive + 1],
         )
         ridge = float(fitter.weight[drive]) * REDUCED_RATE / np.square(prior[drive])
-        columns, target = fit.design.columns[:, drive], fit.target[:, drive]
-        bounds = fit.design.lower[drive], fit.design.upper[drive]
-        left = residual[:, drive]
-        out.append(DriveProblem(drive, columns, target, *bounds, ridge, own, folds, left))
+        out.append(
+            DriveProblem(
+                drive=drive,
+                columns=fit.design.columns[:, drive],
+                target=fit.target[:, drive],
+                lower=fit.design.lower[drive],
+                upper=fit.design.upper[drive],
+                ridge=ridge,
+                blocks=own,
+                folds=folds,
+                residual=residual[:, drive],
+            )
+        )
     return out
 
 
@@ -175,7 +184,10 @@ def places(values: Floats, nodes: Floats) -> Floats:
 
 def hats(place: Floats, nodes: NDArray[np.intp]) -> Floats:
     """Triangles [T, n] that are 1 at a node and 0 from the next on; nodes: their numbers [n]."""
-    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - nodes))
+    out = place[:, None] - nodes
+    np.abs(out, out=out)  # in place, as a long recording has many samples
+    np.subtract(1.0, out, out=out)
+    return np.maximum(out, 0.0, out=out)
 
 
 def spread(values: Floats, count: int = NODES) -> Floats | None:
@@ -222,11 +234,12 @@ def learn(
         for own in np.array_split(np.arange(count), -(-count // _AT_ONCE))
     ]
     moments = problem.moments(np.concatenate(parts, axis=1))
+    curved = bend(count)
     unit = float(np.trace(moments.gram[-1][-count:, -count:])) / count
     if unit <= 0.0:
         return None
     solved = [
-        problem.solve(moments, unit * smoothing * bend(count) + 1e-6 * unit * np.eye(count))
+        problem.solve(moments, smoothing * unit * curved + 1e-6 * unit * np.eye(count))
         for smoothing in _SMOOTHING
     ]
     errors = [float(moments.error(own[:-1]).sum()) for own in solved]
