@@ -271,8 +271,8 @@ def discover(
     structure = own.structure(model.structure.actives).plus(*terms)
     discoverer = Discoverer(fitter, structure, catalogue, show, seed)
     discovery = discoverer.run()
-    structure = model.structure.plus(*discovery.actives)
-    better = replace(model, structure=structure, groups=(), fitted_on=())
+    with_found = model.structure.plus(*discovery.actives)
+    better = replace(model, structure=with_found, groups=(), fitted_on=())
     before, after = judge.compare([given, better])
     transfers: list[Transfer | None] = [None] * len(discovery.found)
     if test is not None and any(one.written for one in discovery.found):
