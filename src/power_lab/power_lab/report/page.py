@@ -84,10 +84,10 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     columns = ['model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'kept apart by']
     page.table(columns, rows, numbers=(2, 3, 4, 5))
     names = [one.name for one in comparison.models]
-    best_last = [names.index(model['name']) for model in models[: len(figures.LINES)]][::-1]
-    shown = [comparison.models[index] for index in best_last]
-    _section_traces(page, prepared, shown)
-    _section_failures(page, comparison, shown, comparison.regimes[best_last[-1]])
+    places = [names.index(model['name']) for model in models[: len(figures.LINES)]]
+    best_last = [comparison.models[place] for place in reversed(places)]
+    _section_traces(page, prepared, best_last)
+    _section_failures(page, comparison, best_last, comparison.regimes[places[0]])
     steps = tuple(model['name'] for model in reversed(models))
     errors = tuple(map(_error, reversed(models)))
     figure = Stairs(steps, errors, noise_w(prepared.noise)).figure()
@@ -99,8 +99,11 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
 def _section_traces(page: Page, prepared: Prepared, shown: Sequence[JudgedModel]) -> None:
     """Measured power and the estimates of some models, the last one's delay taken out."""
     page.heading('Measured against model')
-    seconds = 'At most twelve seconds without a gap in which the model is worst'
-    part = 'Operating points, the least power first' if prepared.steady else seconds
+    part = (
+        'Operating points, the least power first'
+        if prepared.steady
+        else 'At most twelve seconds without a gap in which the model is worst'
+    )
     band = "The grey band of the error is the meter's noise."
     page.text(f'{part}. Drag to zoom, double-click to go back. {band}', faint=True)
     panels = {}
@@ -168,17 +171,22 @@ def _section_failures(
 
 def _section_candidates(page: Page, outcome: Outcome) -> None:
     page.heading('Which effect explains it')
-    diagnosis, found = outcome.diagnosis, outcome.diagnosis.candidates
+    diagnosis = outcome.diagnosis
+    found = diagnosis.candidates
     page.text(
         'Watts that each effect explains and no effect of the model can, with the probability '
         'that it is missing. Coloured bars are plausible; grey ones are improbable. Share: of '
         'what the model misses, where the effect is added alone.'
     )
     shown = found[:10]
-    names, watts = [in_words(one.name) for one in shown], [one.explains[1] for one in shown]
+    names = [in_words(one.name) for one in shown]
+    watts = [one.explains[1] for one in shown]
     plausible = [one.probability >= UNLIKELY for one in shown]
     page.add(page.figure(figures.candidates(names, watts, plausible), 'Candidates'))
-    columns = ['effect', 'probability', 'explains', '95 % interval', 'share', 'error falls by']
+    columns = [
+        *('effect', 'probability', 'explains', '95 % interval', 'share', 'error falls by'),
+        'coefficient (95 %)',
+    ]
     rows = [
         [
             in_words(one.name),
@@ -192,7 +200,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         for one in found
     ]
     bold = [i for i, one in enumerate(found) if one.name in diagnosis.effects]
-    page.table([*columns, 'coefficient (95 %)'], rows, numbers=(1, 2, 4, 5), bold=bold)
+    page.table(columns, rows, numbers=(1, 2, 4, 5), bold=bold)
     regimes = outcome.judged.comparison.regimes[-1]
     if regimes and diagnosis.residual is not None:
         page.text(f'What is left is most at {regimes[0].text}.')
@@ -229,9 +237,12 @@ def _section_staircase(page: Page, outcome: Outcome, others: Sequence[Mapping[st
         how = 'as it is, on recordings that it was not fitted on'
         page.text(f'{judged.model.name} {how}: {judged.model.rms_w:.2f} W.')
     if outcome.verdict == 'named':
-        added = f'{" ".join(outcome.diagnosis.effects)} --to {outcome.model.name}.yaml'
-        command = f'ros2 run power_lab add {added} --bag … -o better.yaml'
-        page.text(f'To keep it: {command}', faint=True)
+        added = ' '.join(outcome.diagnosis.effects)
+        page.text(
+            f'To keep it: ros2 run power_lab add {added} --to {outcome.model.name}.yaml '
+            '--bag … -o better.yaml',
+            faint=True,
+        )
 
 
 def _section_measurement(page: Page, outcome: Outcome) -> None:

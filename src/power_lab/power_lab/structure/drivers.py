@@ -32,7 +32,7 @@ class Factor:
     name: str
     symbol: str  # '' for one
     unit: str
-    code: str
+    code: str  # Python expression over what effect files name, '1.0' for one
 
 
 _SIGN = 'smooth_sign(velocity, standstill)'
