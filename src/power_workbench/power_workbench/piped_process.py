@@ -19,7 +19,7 @@ class PipedProcess(ABC):
 
     def __init__(self, module: str, patience: float = 0.0) -> None:
         self._module, self._patience = module, patience
-        self._lock = threading.RLock()
+        self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
 

@@ -24,9 +24,13 @@ class SessionJob:
 
     def content(self) -> dict[str, Any]:
         """Return the job, which runs, as content of JSON for the page."""
-        content = dict(vars(self))
-        seconds = time.monotonic() - content.pop('started')
-        return {**content, 'seconds': round(seconds, 1)}
+        return {
+            'name': self.name,
+            'stage': self.stage,
+            'state': self.state,
+            'error': self.error,
+            'seconds': round(time.monotonic() - self.started, 1),
+        }
 
 
 class JobRunner(PipedProcess):
@@ -59,15 +63,18 @@ class JobRunner(PipedProcess):
                 raise RuntimeError('a job is running')
             self._start()  # where that fails, no job is left behind
             self.job = SessionJob(name)
-            self.beside(request, arguments)
+            self._request(request, arguments)
             return self.job
 
     def beside(self, request: str, arguments: Mapping[str, Any]) -> None:
         """Call a method of `SessionWorker` that may run while a job does, without a job."""
         with self._lock:
-            self._start()
-            assert self._pipe is not None
-            self._pipe.send((request, dict(arguments)))
+            self._request(request, arguments)
+
+    def _request(self, request: str, arguments: Mapping[str, Any]) -> None:
+        self._start()
+        assert self._pipe is not None
+        self._pipe.send((request, dict(arguments)))
 
     def cancel(self) -> None:
         """End the running job with its process, and with what that had loaded."""
@@ -75,15 +82,18 @@ class JobRunner(PipedProcess):
             if not self.busy:
                 return
             job = self.job
-            self.close()
+            self._end()
         self._listener(job, 'cancelled', None)
 
     def close(self) -> None:
         """End the process, and with it a running job."""
         with self._lock:
-            if self.job is not None and self.busy:
-                self.job.state = 'cancelled'
-            self._stop()
+            self._end()
+
+    def _end(self) -> None:
+        if self.job is not None and self.busy:
+            self.job.state = 'cancelled'
+        self._stop()
 
     def _heard(self, pipe: Connection, message: tuple[str, Any] | None) -> None:
         kind, content = message or ('error', _LOST)
