@@ -111,11 +111,13 @@ class RollingPower:
     def _means(self, ends: Stamps) -> Floats:
         """Mean of the measured samples in the 20 ms before each end, [N, D]."""
         known = np.isfinite(self._power)
-        both = np.stack([np.where(known, self._power, 0.0), known])
-        sums = np.pad(np.cumsum(both, axis=1), ((0, 0), (1, 0), (0, 0)))
+        blank = np.zeros((1, len(self.names)))
+        sums = np.concatenate([blank, np.cumsum(np.where(known, self._power, 0.0), axis=0)])
+        counts = np.concatenate([blank, np.cumsum(known, axis=0)])
         first = np.searchsorted(self._stamps, ends - PERIOD, side='right')
         past = np.searchsorted(self._stamps, ends, side='right')
-        total, number = sums[:, past] - sums[:, first]
+        number = counts[past] - counts[first]
+        total = sums[past] - sums[first]
         return np.where(number > 0, total / np.maximum(number, 1.0), np.nan)
 
     def _use(self, names: Sequence[str]) -> None:
@@ -124,10 +126,11 @@ class RollingPower:
         if not new:
             return
         self.names = (*self.names, *new)
-        more = (0, len(new))
-        self._power = np.pad(self._power, ((0, 0), more), constant_values=np.nan)
+        more = np.full((len(self._power), len(new)), np.nan)
+        self._power = np.concatenate([self._power, more], axis=1)
+        blank = np.full(len(new), np.nan)
         for index, (stamp, row) in enumerate(self._waiting):
-            self._waiting[index] = (stamp, np.pad(row, more, constant_values=np.nan))
+            self._waiting[index] = (stamp, np.concatenate([row, blank]))
 
 
 def _with_sum(measured: Floats, estimate: Floats) -> tuple[Floats, Floats]:
@@ -167,7 +170,8 @@ class LiveFollower:
         self._status = Status.WARMING_UP
         self._model_on_topic = ''
         self._rates = dict.fromkeys(TOPICS, 0.0)
-        self._counted = started, dict.fromkeys(TOPICS, 0)
+        self._counted = dict.fromkeys(TOPICS, 0)
+        self._counted_at = started
 
     def use(self, spec: str, effect_files: Sequence[str] = ()) -> None:
         """Estimate with model `spec`, '' for `power_estimate`; `news` reports one that fails."""
@@ -246,17 +250,21 @@ class LiveFollower:
         return {'parts': {n: round(w, 3) for n, w in found.parts.items()}, 'metered_w': watts}
 
     def _state(self, now: float) -> dict[str, Any]:
-        at, before = self._counted
-        if now - at >= _SPAN:
-            counts = {topic: buffer.count for topic, buffer in self.buffers.items()}
-            self._rates = {topic: (counts[topic] - before[topic]) / (now - at) for topic in TOPICS}
-            self._counted = now, counts
-        ages = {
-            topic: None if buffer.last is None else round(now - buffer.last, 1)
-            for topic, buffer in self.buffers.items()
-        }
+        span = now - self._counted_at
+        if span >= _SPAN:
+            for topic, buffer in self.buffers.items():
+                self._rates[topic] = (buffer.count - self._counted[topic]) / span
+                self._counted[topic] = buffer.count
+            self._counted_at = now
+        lasts = {topic: buffer.last for topic, buffer in self.buffers.items()}
         return {
-            'heard': {t: {'rate': round(self._rates[t], 1), 'age': ages[t]} for t in TOPICS},
+            'heard': {
+                topic: {
+                    'rate': round(self._rates[topic], 1),
+                    'age': None if last is None else round(now - last, 1),
+                }
+                for topic, last in lasts.items()
+            },
             'model': self._spec or self._model_on_topic,
             'said': self._said(now),
             'faults': [
