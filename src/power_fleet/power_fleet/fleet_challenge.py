@@ -66,7 +66,8 @@ def draw_fleet(
     3 to 6 %, or its offset by 20 to 40 mA, at once or slowly. InputError for fewer than 8
     recordings of each robot.
     """
-    if recordings < (least := 2 * LEAST_RECORDINGS):
+    if recordings < 2 * LEAST_RECORDINGS:
+        least = 2 * LEAST_RECORDINGS
         raise InputError(f'--recordings {recordings}: give at least {least}, 8 for each robot')
     random = np.random.default_rng([seed, 2026])
     kind = str(random.choice(KINDS, p=_SHARES))
@@ -129,7 +130,9 @@ def _course(random: np.random.Generator, kind: str, last: float) -> WearCourse:
     if kind == 'wear':
         effect, share = str(random.choice(WORN)), round(random.uniform(0.25, 0.6), 2)
         return WearCourse(effect, share, float(begin), float(over))
-    sign, is_gain = float(random.choice((-1, 1))), random.uniform() < 0.5
-    name, low, high = ('power_gain', 0.03, 0.06) if is_gain else (OFFSET, 0.02, 0.04)
-    size = sign * round(random.uniform(low, high), 3)
-    return WearCourse(name, size, float(begin), float(over))
+    sign = float(random.choice((-1, 1)))
+    if random.uniform() < 0.5:
+        gain = sign * round(random.uniform(0.03, 0.06), 3)
+        return WearCourse('power_gain', gain, float(begin), float(over))
+    offset = sign * round(random.uniform(0.02, 0.04), 3)
+    return WearCourse(OFFSET, offset, float(begin), float(over))

@@ -118,7 +118,10 @@ class BringupSettings:
 
     @classmethod
     def shipped(cls, name: str) -> Self:
-        """Return shipped settings unchecked: `ros2 launch` may have a Python without pydantic."""
+        """Return shipped settings unchecked.
+
+        `ros2 launch` runs on the Python of ROS, which need not have pydantic.
+        """
         return cls(**read_yaml(FOLDER / f'{name}.yaml', 'bring-up'))
 
     def changed(self, given: Mapping[str, str]) -> Self:

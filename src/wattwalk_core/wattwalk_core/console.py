@@ -91,7 +91,10 @@ def print_table(
 
 
 def write_json(path: Path | None, content: Any) -> None:
-    """Write JSON unless path is None; InputError if that is impossible, ValueError for NaN."""
+    """Write plain values as JSON; do nothing where path is None.
+
+    InputError if it cannot be written, ValueError for NaN.
+    """
     if path is None:
         return
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)

@@ -37,9 +37,10 @@ class RecordingError(InputError):
 
 
 def read_bytes(path: Path, what: str, limit: int) -> bytes:
-    """Read a regular file of `limit` bytes at most.
+    """Read a regular file of at most `limit` bytes.
 
-    InputError, which calls it `what`, for one that is absent, larger, or a pipe or device.
+    Raises InputError, which calls the file `what`, for one that is absent, no regular file (a
+    pipe, a device) or larger.
     """
     size = regular_size(path, what)
     try:

@@ -34,7 +34,10 @@ class TensorFile:
 
 
 def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
-    """Read a safetensors file of `limit` bytes at most, running no code; InputError for others."""
+    """Read a safetensors file of at most `limit` bytes; no code in it is run.
+
+    Raises InputError, which calls the file `what`, for any other file.
+    """
     from safetensors import SafetensorError  # only files of tensors need it
     from safetensors.numpy import load
 

@@ -25,7 +25,10 @@ class _Refused(yaml.YAMLError):
 
 
 class _PlainLoader(Composer, yaml.CSafeLoader):
-    """Constructs plain values within the limits; its libyaml is five times as fast as Python."""
+    """Constructs plain values only, within the limits of this module.
+
+    The parser is that of libyaml, five times as fast as the one in Python.
+    """
 
     depth = 0
 

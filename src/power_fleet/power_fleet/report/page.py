@@ -21,8 +21,7 @@ def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -
     """Plot one coefficient (column) of a drive over time with 95 % intervals, and its level."""
     history, points = found.histories[drive], found.points[drive]
     name, _ = history.labels[column]
-    moments = [datetime.fromtimestamp(float(time), UTC) for time in history.time]
-    dates = [moment.strftime('%Y-%m-%d %H:%M:%S') for moment in moments]
+    dates = [_date(time) for time in history.time]
     values, errors = points.values[:, column], 1.96 * points.errors[:, column]
     figure = go.Figure()
     figure.add_trace(
@@ -59,10 +58,11 @@ def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -
     )
     for change in changes:
         profile = change.profile
+        begin = dates[profile.first]
         dashed = {'color': COLORS['better'], 'width': 1.5, 'dash': 'dash'}
-        figure.add_vline(x=dates[profile.first], line=dashed)
+        figure.add_vline(x=begin, line=dashed)
         figure.add_annotation(
-            x=dates[profile.first],
+            x=begin,
             y=1.0,
             yref='paper',
             xanchor='left',
@@ -74,6 +74,10 @@ def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -
     unit = found.unit(name)
     figure.update_yaxes(title_text=f'in {unit}' if unit else 'share', automargin=True)
     return finished(figure, legend=True)
+
+
+def _date(time: float) -> str:
+    return datetime.fromtimestamp(float(time), UTC).strftime('%Y-%m-%d %H:%M:%S')
 
 
 _SHOWN = ('power_gain', 'current_offset', 'torque_bias', 'time_offset')

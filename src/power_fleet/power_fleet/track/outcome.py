@@ -237,8 +237,12 @@ class Tracked:
     def _change(self, drive: int, column: int) -> dict[str, Any]:
         history, points = self.histories[drive], self.points[drive]
         name, term = history.labels[column]
-        own = [one for one in self.result.findings if one.drive == drive and term == 0]
-        finding = next((one for one in own if one.change.hypothesis == name), None)
+        own = (
+            finding
+            for finding in self.result.findings
+            if finding.drive == drive and finding.change.hypothesis == name and term == 0
+        )
+        finding = next(own, None)
         if finding is None:
             level, error = float(points.level[column]), float(points.level_errors[column])
             certainty = self.result.certainties[drive].get(name, 0.0) if term == 0 else 0.0
@@ -269,7 +273,10 @@ class Tracked:
 
 
 def model_of(model: object, spec: str) -> EffectModel:
-    """Return a model of effects, its base by an absolute path for workers; else InputError."""
+    """Return the model, with the file of its base by an absolute path, as workers need it.
+
+    InputError where it has no effects that could change.
+    """
     if not isinstance(model, EffectModel):
         raise InputError(f'--model {spec}: track needs a model of effects (model.yaml)')
     prefix, _, file = (model.base or '').rpartition(':')

@@ -42,7 +42,10 @@ _WORDS = ('controller', 'terrain')  # of a card, that say how a robot moved
 
 @dataclass(frozen=True)
 class Request:
-    """Model and options that recordings are fitted with; key: hash of all, to find fits by."""
+    """Model and options that recordings are fitted with; key: hash of all of it.
+
+    The key finds fits in the index: other settings need another key.
+    """
 
     model: EffectModel
     catalogue: Catalogue

@@ -219,12 +219,12 @@ def _limit(chance: Mapping[int, Floats]) -> Floats:
 def _certainties(
     models: Sequence[ChangeModel], chance: Mapping[int, Floats]
 ) -> list[dict[str, float]]:
+    out: list[dict[str, float]] = [{} for _ in models]
     limit = _limit(chance)
-    found = {i: models[i].best(hypotheses_of(models[i].history)) for i in chance}
-    return [
-        {own.hypothesis: 1.0 - chance_of(model.evidence(own), limit) for own in found.get(i, [])}
-        for i, model in enumerate(models)
-    ]
+    for i in chance:
+        for change in models[i].best(hypotheses_of(models[i].history)):
+            out[i][change.hypothesis] = 1.0 - chance_of(models[i].evidence(change), limit)
+    return out
 
 
 def _explained(

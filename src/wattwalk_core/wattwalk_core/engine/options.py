@@ -46,7 +46,10 @@ class Workplace:
 
 
 def add_workplace(parser: argparse.ArgumentParser, tasks: str, *, scheduler: bool = True) -> None:
-    """Add `--workers` and, if scheduler is true, `--scheduler`; tasks: plural noun for help."""
+    """Add `--workers` and, unless scheduler is false, `--scheduler` to a parser.
+
+    tasks: plural noun for the units of work, in the help.
+    """
     parser.add_argument(
         '--workers', type=int, metavar='N', help=f'{tasks} at a time, one to a core if absent'
     )
