@@ -71,6 +71,12 @@ def test_parameters_and_arguments_of_a_file_are_added_to_those_of_the_settings(h
     )
 
 
+def test_arguments_of_settings_that_were_not_checked_may_be_lists():
+    given = {'policy': ['--trust-code']}  # as YAML gives them to `shipped`
+    settings = BringupSettings(format='bringup/1', robot='real', arguments=given)
+    assert by_name(settings)['policy'].arguments == ('--policy', 'trot', '--trust-code')
+
+
 def test_a_command_line_keeps_texts_that_look_like_numbers_texts(tmp_path, monkeypatch):
     program = tmp_path / 'lib' / 'a' / 'b'
     program.parent.mkdir(parents=True)

@@ -89,14 +89,16 @@ def commands(settings: BringupSettings) -> tuple[NodeCommand, ...]:
         if name == 'policy':
             own = _policy_arguments(settings)
         elif name == 'recorder' and settings.recorder == 'rosbag2':
-            package, executable, own = 'ros2', 'bag record', _rosbag2_arguments(settings)
+            package, executable = 'ros2', 'bag record'
+            own = _rosbag2_arguments(settings)
         elif name == 'recorder':
             own = _recorder_arguments(settings)
-        own += settings.arguments.get(name, ())  # type: ignore[call-overload]
+        # Of shipped settings, which are not checked, they may be lists.
+        more = settings.arguments.get(name, ())  # type: ignore[call-overload]
         values = {key: value for key, value in given.get(name, {}).items() if value != ''}
         values |= settings.parameters.get(name, {})  # type: ignore[call-overload]
         remappings = {**(remapped if name == 'sim' else {}), **space}
-        found.append(NodeCommand(name, package, executable, own, values, remappings))
+        found.append(NodeCommand(name, package, executable, (*own, *more), values, remappings))
     return tuple(found)
 
 
