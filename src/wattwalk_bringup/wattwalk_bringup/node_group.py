@@ -27,7 +27,10 @@ class LogFollower:
         self._path, self._place, self._rest = path, 0, b''
 
     def new_lines(self) -> list[str]:
-        """Return new lines with text, without ROS's time and name; `last` is the newest."""
+        """Return new lines that are not empty, without time and name of ROS's log.
+
+        The newest one stays in `last`.
+        """
         with self._path.open('rb') as log:
             log.seek(self._place)
             data = log.read(_MOST)
@@ -104,6 +107,12 @@ class RunningNode:
             self.state = f'ended, code {code}' if code in SOUND_ENDS else f'failed, code {code}'
         self._unread += self.log.rest()
 
+    def begin_end(self) -> None:
+        """Interrupt the node with SIGINT, if it runs."""
+        if self.process.running:
+            self.state, self.since = 'ending', time.monotonic()
+            self.process.interrupt()
+
     def failure(self) -> str | None:
         """Return one line about a node that has failed, None for others."""
         code = self.process.returncode
@@ -121,6 +130,7 @@ class NodeGroup:
     """
 
     def __init__(self, commands: Sequence[NodeCommand], folder: Path) -> None:
+        # All lines are made first: a package that is not installed starts nothing.
         lines = {command.name: command.line() for command in commands}
         self.nodes: list[RunningNode] = []
         try:
@@ -144,9 +154,8 @@ class NodeGroup:
         """End all nodes, within 48 s; look: called several times a second meanwhile."""
         first = [[node for node in self.nodes if node.name == name] for name in _FIRST]
         for stage in (*first, [node for node in self.nodes if node.name not in _FIRST]):
-            for node in (node for node in stage if node.process.running):
-                node.state, node.since = 'ending', time.monotonic()
-                node.process.interrupt()
+            for node in stage:
+                node.begin_end()
             self._wait_for(stage, look)
         look()
 

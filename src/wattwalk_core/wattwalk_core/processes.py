@@ -95,7 +95,10 @@ class ChildProcess:
         return next((line for line in reversed(self.output.split('\n')) if line), 'no output')
 
     def wait_for_line(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
-        """Return the match of a line yet to come; ProcessError at the end or after timeout [s]."""
+        """Wait until a regular expression is found in a line of the output; return the match.
+
+        Raises ProcessError where the process ends without it or timeout [s] is over.
+        """
 
         def found() -> re.Match[str] | None:
             return next(filter(None, (re.search(pattern, line) for line in self.lines)), None)

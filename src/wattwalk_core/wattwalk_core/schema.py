@@ -236,7 +236,8 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
             return f'{place}{quoted(key)} is there twice, once by its former name'
         there = f'; there can be {", ".join(known)}' if known else ''
         return f'{place}unknown key {quoted(key)}{there}'
-    place, context = _place(path), error.get('ctx', {})
+    place = _place(path)
+    context = error.get('ctx', {})
     if name == 'quantity':
         return f'{place}{error["msg"]}'
     if name == 'value_error':
