@@ -272,10 +272,10 @@ class ChangeModel:
         count = len(self.changes)
         errors = np.sqrt(np.maximum(np.diag(inverse)[-count:], 1e-300))
         return tuple(
-            Change(own.hypothesis, own.profile, size, error, (size / error) ** 2)
-            for own, size, error in zip(
-                self.changes, found[-count:].tolist(), errors.tolist(), strict=True
+            replace(
+                change, size=float(size), error=float(error), statistic=float((size / error) ** 2)
             )
+            for change, size, error in zip(self.changes, found[-count:], errors, strict=True)
         )
 
     @cached_property

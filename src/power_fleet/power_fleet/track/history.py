@@ -46,7 +46,10 @@ class DriveHistory:
 
 
 def histories(fits: Sequence[RecordingFit]) -> list[DriveHistory]:
-    """Histories by robot and drive, whose name is behind the robot's where there are several."""
+    """Histories by robot and drive.
+
+    A drive goes by its name, behind the robot's where there are several robots.
+    """
     ordered = sorted(fits, key=lambda fit: fit.occasion.time)
     robots = list(dict.fromkeys(fit.occasion.robot for fit in ordered))
     out = []

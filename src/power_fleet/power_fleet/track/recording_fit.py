@@ -63,7 +63,10 @@ class RecordingFit:
 
 
 def fit_recording(judge: Judge, model: EffectModel, occasion: Occasion) -> RecordingFit:
-    """Fit effects and errors of measurement per drive; InputError if too short or too still."""
+    """Fit the effects of a model and the errors of measurement to one recording, per drive.
+
+    InputError for a recording that is too short or too still.
+    """
     own = judge.material_under(model, per='drive')
     structure = own.structure(model.structure.actives)
     terms = measurement_terms(judge.catalogue, shaft='shaft' in structure.names)
@@ -100,8 +103,9 @@ def _solved(fitter: Fitter, fit: Fit) -> tuple[Floats, Floats, Floats, Floats]:
     A bounded estimate is no longer linear in the power: next to a bound its mean and its spread
     say little of a change. The prior of the errors of measurement stays.
     """
-    normal, prior = fit.normal, fit.design.structure.priors(fitter.scale)
-    _, _, ridge = group_limits(fit.design, prior, fitter.weight, fitter.groups)
+    normal, design = fit.normal, fit.design
+    prior = design.structure.priors(fitter.scale)
+    _, _, ridge = group_limits(design, prior, fitter.weight, fitter.groups)
     drawn = fitter.drawn(_DRAWS, _SEED)
     drives, m = normal.moment.shape[1:]
     values, covariance = np.empty((drives, m)), np.empty((drives, m, m))
@@ -124,9 +128,10 @@ def _solved(fitter: Fitter, fit: Fit) -> tuple[Floats, Floats, Floats, Floats]:
 
 def _responses(fitter: Fitter, fit: Fit, inverse: Floats, gram: Floats) -> dict[str, Floats]:
     """Estimates [D, m] per unit of each effect's first term and of each fault."""
-    known, design = inverse @ gram, fit.design
+    known = inverse @ gram
     labels = fit.structure.labels
-    out = {name: known[..., place] for place, (name, term) in enumerate(labels) if term == 0}
+    out = {name: known[..., column] for column, (name, term) in enumerate(labels) if term == 0}
+    design = fit.design
     power = modelled(design.columns, fit.coefficients) + design.constant
     normal = Normal.of(design.columns, power, fit.blocks)
     moment = np.einsum('bd,bdm->dm', fit.weights * normal.valid, normal.moment)
