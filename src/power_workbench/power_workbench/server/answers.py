@@ -20,7 +20,7 @@ from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.steps import Commands, SessionRecord, SessionStep
 from power_workbench.views import maps
 from power_workbench.views.pyramid import Span, extremes
-from power_workbench.views.view import PowerView, with_sum
+from power_workbench.views.view import PowerView
 
 KEPT = re.compile(
     r'(session|notes|import_\d+|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py'
@@ -242,7 +242,7 @@ def lit(
         values['error'] = -view.residual
     spans = {}
     for name, given in values.items():
-        lit = np.where(rows[:, None], with_sum(given)[:, [own]], np.float32(np.nan))
+        lit = np.where(rows[:, None], _column(given, own), np.float32(np.nan))
         spans[name] = extremes(view.spread(lit), *window)
     return {f'lit_{name}': one for name, one in _drawn(spans, 0).items()}
 
@@ -257,7 +257,7 @@ def preview(
     if view.residual is None or explained.shape != view.residual.shape:
         raise InputError('there is no preview of this candidate')
     own = column(view, meter)
-    left = with_sum(explained)[:, [own]] - with_sum(view.residual)[:, [own]]
+    left = _column(explained, own) - _column(view.residual, own)
     span = extremes(view.spread(left), *_window(view, start, stop, width))
     known = np.isfinite(left) & np.isfinite(view.residual.sum(axis=1, keepdims=True))
     rms = maps.rms(left[known]) if known.any() else 0.0
@@ -295,21 +295,33 @@ def _window(view: PowerView, start: float, stop: float, width: int) -> tuple[int
     return first, last, int(np.clip(width // 2, 20, _MOST_WIDE))
 
 
-def _drawn(spans: Mapping[str, Span], own: int) -> dict[str, Singles]:
-    """Times `t` in s of spans of the same blocks, and the values of one column of each.
+def _times(span: Span) -> Singles:
+    """Seconds of each value of `_woven`: the block's two halves, or the slots themselves."""
+    if span.step == 1:
+        return np.asarray(span.centres / REDUCED_RATE, np.float32)
+    quarter = span.step / 4
+    both = np.stack([span.centres - quarter, span.centres + quarter], axis=1)
+    return np.asarray(both.ravel() / REDUCED_RATE, np.float32)
 
-    A block has two: its least and greatest value, in its two halves; a single slot has one.
-    """
-    blocks = next(iter(spans.values()))
-    if blocks.step == 1:
-        times, values = blocks.centres, {name: span.low[:, own] for name, span in spans.items()}
-    else:
-        times = np.add.outer(blocks.centres, [-blocks.step / 4, blocks.step / 4]).ravel()
-        values = {
-            name: np.stack([span.low[:, own], span.high[:, own]], axis=1).ravel()
-            for name, span in spans.items()
-        }
-    return {'t': (times / REDUCED_RATE).astype(np.float32), **values}
+
+def _woven(span: Span, own: int) -> Singles:
+    """Least and greatest value of each block in turn; the values themselves of single slots."""
+    if span.step == 1:
+        return np.ascontiguousarray(span.low[:, own])
+    return np.stack([span.low[:, own], span.high[:, own]], axis=1).ravel()
+
+
+def _column(values: Singles, own: int) -> Singles:
+    """One meter of values [N, M], or their sum as the column after the last, [N, 1]."""
+    if own < values.shape[1]:
+        return values[:, own : own + 1]
+    return values.sum(axis=1, keepdims=True, dtype=np.float32)
+
+
+def _drawn(spans: Mapping[str, Span], own: int) -> dict[str, Singles]:
+    """Times `t` of spans of the same blocks, and the values of one column of each."""
+    times = _times(next(iter(spans.values())))
+    return {'t': times, **{name: _woven(span, own) for name, span in spans.items()}}
 
 
 def packed(arrays: Mapping[str, Singles], more: Mapping[str, Any]) -> bytes:

@@ -1,4 +1,4 @@
-"""One model on the recordings as arrays that a page is drawn from."""
+"""One model on the recordings, or a first look at their power, as arrays for a page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -241,7 +241,8 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
 
 def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
     """Return the view of recordings without a model."""
-    return _view(prepared, loaded, prepared.power_at(0.0), *describe_state(prepared, loaded))
+    state, words = describe_state(prepared, loaded)
+    return _view(prepared, loaded, prepared.power_at(0.0), state, words)
 
 
 def judged_view(comparison: Comparison, loaded: Loaded, model: Mapping[str, Any]) -> PowerView:
@@ -303,39 +304,41 @@ def coarse_view(paths: Sequence[str], drives: Sequence[str]) -> PowerView | None
         if size < _SMALL or any(bag.is_sqlite for bag in bags):
             return None
         every = -(-size // _SMALL) + 1
-        # Every n-th chunk of each.
-        read = [Recording.open(Path(path), _MOST_MESSAGES, every) for path in paths]
-        samples = [recording.drive_supply() for recording in read]
-        return _coarse([Path(path).name for path in paths], read, samples, drives, 1.0 / every)
+        read = [_sparse(Path(path), every) for path in paths]
+        return _coarse([Path(path).name for path in paths], read, drives, 1.0 / every)
     except (InputError, OSError):
         return None
 
 
+def _sparse(path: Path, every: int) -> tuple[DriveSamples, int, int]:
+    """Electrical samples of every n-th chunk, and start and end of the recording [ns]."""
+    recording = Recording.open(path, _MOST_MESSAGES, every)
+    return recording.drive_supply(), recording.start_ns, recording.end_ns
+
+
 def _coarse(
     names: Sequence[str],
-    read: Sequence[Recording],
-    supplies: Sequence[DriveSamples],
+    read: Sequence[tuple[DriveSamples, int, int]],
     drives: Sequence[str],
     share: float,
 ) -> PowerView | None:
     known = [
-        {name for name, good in zip(own.names, own.good.T, strict=True) if good.any()}
-        for own in supplies
+        {name for name, good in zip(samples.names, samples.good.T, strict=True) if good.any()}
+        for samples, *_ in read
     ]
-    meters = [name for name in drives or supplies[0].names if all(name in own for own in known)]
+    meters = [name for name in drives or read[0][0].names if all(name in own for own in known)]
     if not meters:
         return None
     slots, owner, rows, first = [], [], [], 0
-    for number, (recording, samples) in enumerate(zip(read, supplies, strict=True)):
+    for number, (samples, start, end) in enumerate(read):
         columns = [samples.names.index(name) for name in meters]
         power = np.where(samples.good, samples.power, np.float32(np.nan))[:, columns]
-        places = ((samples.stamp_ns - recording.start_ns) * REDUCED_RATE / 1e9).astype(np.int64)
+        places = ((samples.stamp_ns - start) * REDUCED_RATE / 1e9).astype(np.int64)
         own, means = _slot_means(places, power)
         slots.append(own + first)
         owner.append(np.full(len(own), number, np.int32))
         rows.append(means)
-        seconds = (recording.end_ns - recording.start_ns) / 1e9
-        first += round((seconds + BETWEEN) * REDUCED_RATE)
+        first += round(((end - start) / 1e9 + BETWEEN) * REDUCED_RATE)
     return PowerView(
         meters=tuple(meters),
         drives=tuple(meters),
