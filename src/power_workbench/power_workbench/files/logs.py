@@ -65,7 +65,10 @@ def look(show: Show, file: str) -> dict[str, Any]:
 
 
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return signals of a log's first rows in SI units by the map `content`, or `misplaced`."""
+    """Return the signals of a log's first rows in SI units, by the import map `content`.
+
+    A map or log that is wrong gives `misplaced` instead.
+    """
     from power_recordings.importing.listing import preview_log  # slow to import
     from power_recordings.importing.map_file import parse_map
     from power_recordings.importing.origin import origin_of_power

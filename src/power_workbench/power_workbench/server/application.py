@@ -117,7 +117,8 @@ def application(manager: SessionManager) -> Starlette:
         return _json(await keep_log(session.folder, name, int(length), request.stream()))
 
     def error_map(view: PowerView, request: Request) -> dict[str, Any]:
-        return maps.error_map(view, *(_text(request, name) for name in ('drive', 'x', 'y')))
+        drive, x, y = (_text(request, name) for name in ('drive', 'x', 'y'))
+        return maps.error_map(view, drive, x, y)
 
     def sessions(request: Request) -> Response:
         if request.method == 'POST':

@@ -88,10 +88,12 @@ class SeenModels:
 
     def carry(self, before: Key | None, key: Key | None) -> None:
         """Keep under `key` what is known of the model under `before`, if both are given."""
-        kept: Any
-        for kept in (self.views, self.learned):
-            if key is not None and before in kept:
-                kept[key] = kept[before]
+        if before is None or key is None:
+            return
+        if before in self.views:
+            self.views[key] = self.views[before]
+        if before in self.learned:
+            self.learned[key] = self.learned[before]
 
 
 def _keep(kept: dict[Key | None, Any], key: Key, value: Any) -> None:

@@ -86,7 +86,8 @@ class SessionWorker:
         """Read recordings: a first look at a part of them, all of them, then their quality."""
         if source.without:
             whole = self.open(show, source.whole, '')
-            kept = KeptOpening(**{**whole, 'view': self._measured(self._load(show, source))})
+            view = self._measured(self._load(show, source))
+            kept = KeptOpening(view, whole['recordings'], whole['sha256'])
         else:
             show('progress', 'a first look')
             coarse = coarse_view(source.recordings, source.drives)
