@@ -120,9 +120,11 @@ def _between(time: Floats, known: Floats, values: Singles, rate: float) -> Singl
     left = right - 1
     width = np.maximum(known[right] - known[left], 1e-9)
     weight = (time - known[left]) / width
-    result = (1.0 - weight)[:, None] * values[left] + weight[:, None] * values[right]
     outside = (weight < -0.01) | (weight > 1.01) | (width > 1.5 / rate)
     nearest = np.where(weight < 0.5, left, right)
     near = np.abs(time - known[nearest]) < 0.6 / rate
-    result[outside] = np.where(near[:, None], values[nearest], np.nan)[outside]
-    return result.astype(np.float32)
+    result = np.empty((len(time), values.shape[1]), np.float32)
+    for drive, own in enumerate(values.T):
+        inside = (1.0 - weight) * own[left] + weight * own[right]
+        result[:, drive] = np.where(outside, np.where(near, own[nearest], np.nan), inside)
+    return result
