@@ -17,8 +17,8 @@ from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.source import Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep
 from power_workbench.sessions.worker import SessionWorker
-from power_workbench.views import view as views
-from power_workbench.views.view import coarse_view
+from power_workbench.views import coarse
+from power_workbench.views.coarse import coarse_view
 
 
 @contextmanager
@@ -199,7 +199,7 @@ def test_a_desk_shows_kept_recordings_without_its_worker(opened, tmp_path):
 def test_the_first_look_is_the_power_of_a_part_of_the_recording(bag, monkeypatch):
     assert coarse_view([str(bag)], ()) is None  # read soon enough
     size = sum(path.stat().st_size for path in bag.glob('*.mcap'))
-    monkeypatch.setattr(views, '_SMALL', size // 4)
+    monkeypatch.setattr(coarse, '_SMALL', size // 4)
     view = coarse_view([str(bag), str(bag)], ('LF_KFE',))
     assert view.meters == ('LF_KFE',)
     assert view.share < 0.2
@@ -232,7 +232,7 @@ def test_a_part_of_the_chunks_has_samples_of_the_whole_and_no_others(bag):
 
 def test_opening_shows_a_part_first_and_then_the_whole(bag, monkeypatch):
     size = sum(path.stat().st_size for path in bag.glob('*.mcap'))
-    monkeypatch.setattr(views, '_SMALL', size // 4)
+    monkeypatch.setattr(coarse, '_SMALL', size // 4)
     shown = []
     result = SessionWorker().open(lambda *one: shown.append(one), Source((str(bag),)), '')
     part, whole = (content for kind, content in shown if kind == 'view')
@@ -242,7 +242,7 @@ def test_opening_shows_a_part_first_and_then_the_whole(bag, monkeypatch):
 
 
 def test_a_first_look_goes_where_the_recording_is_refused(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr(views, '_SMALL', 100_000)
+    monkeypatch.setattr(coarse, '_SMALL', 100_000)
     session = WorkbenchSession(tmp_path, SessionRecord(), lambda: None)
     job = SessionJob('Opening', error='its units contradict each other')
     session._heard(job, 'view', coarse_view([str(bag)], ()))

@@ -14,7 +14,7 @@ from power_workbench.files.folders import Folders
 from power_workbench.files.logs import misplaced
 from power_workbench.sessions.source import SeenModels, Source
 from power_workbench.sessions.steps import SessionRecord, SessionStep
-from power_workbench.views import maps
+from power_workbench.views import maps, moments
 from power_workbench.views.pyramid import Pyramid, extremes
 from power_workbench.views.view import PowerView, StateWords
 from wattwalk_core.errors import InputError
@@ -278,16 +278,16 @@ def test_spikes_are_counted_and_said_to_be_of_no_state_where_the_state_recurs_wi
     error = [0.1, -0.1] * 500
     for at in (100, 300, 500, 700, 900):
         error[at] = 6.0
-    found = maps.moments(view(error, [0.0, 1.0] * 500, [0.0, 1.0] * 500), 'A')
+    found = moments.moments(view(error, [0.0, 1.0] * 500, [0.0, 1.0] * 500), 'A')
     assert found['spikes'].startswith('5 spikes of 6 to 6 W, most of them 20 ms long, hold 95%')
     assert 'no effect of the state claims them' in found['spikes']
-    still = maps.moments(view([0.1, -0.1] * 100, [0.0] * 200, [0.0, 1.0] * 100), 'A')
+    still = moments.moments(view([0.1, -0.1] * 100, [0.0] * 200, [0.0, 1.0] * 100), 'A')
     assert still == {'spikes': '', 'stretches': []}
 
 
 def test_a_second_far_worse_than_the_rest_is_told_with_its_share():
     error = [0.1, -0.1] * 250 + [3.0, -3.0] * 25 + [0.1, -0.1] * 250
-    found = maps.moments(view(error, [0.0] * 1050, [0.0, 1.0] * 525), 'A')
+    found = moments.moments(view(error, [0.0] * 1050, [0.0, 1.0] * 525), 'A')
     (stretch,) = found['stretches']
     assert (stretch['start'], stretch['stop']) == (10.0, 11.0)
     assert stretch['words'] == '10 to 11 s: 3 W rms, 30 times the usual, 98% of the squared error'

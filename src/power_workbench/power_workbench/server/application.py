@@ -22,7 +22,7 @@ from power_workbench.server import actions, answers
 from power_workbench.server.guard import UPLOAD
 from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
-from power_workbench.views import maps
+from power_workbench.views import maps, moments
 from power_workbench.views.view import PowerView
 
 _PAGE = Path(__file__).parent / 'page'
@@ -160,7 +160,8 @@ def application(manager: SessionManager) -> Starlette:
             Route(f'{here}/strip', of_view(lambda view, r: answers.strip(view, _width(r, 200)))),
             Route(f'{here}/map', of_view(error_map)),
             Route(
-                f'{here}/moments', of_view(lambda view, r: maps.moments(view, _text(r, 'drive')))
+                f'{here}/moments',
+                of_view(lambda view, r: moments.moments(view, _text(r, 'drive'))),
             ),
             Route(f'{here}/preview', of_session(_preview)),
             Route(f'{here}/files/{{name}}', of_session(_file)),

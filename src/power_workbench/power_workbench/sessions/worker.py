@@ -37,7 +37,8 @@ from power_workbench.sessions.described import (
 from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
 from power_workbench.sessions.source import Findings, Source
 from power_workbench.sessions.steps import SessionStep
-from power_workbench.views.view import PowerView, coarse_view, judged_view, measured_view
+from power_workbench.views.coarse import coarse_view
+from power_workbench.views.view import PowerView, judged_view, measured_view
 
 if TYPE_CHECKING:
     # They take seconds to import, which the first picture does not wait for.
