@@ -5,63 +5,27 @@ from functools import partial
 from typing import Final
 
 from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import JointState
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.running import run_node
 from wattwalk_core.nodes.services import offer
 
 from policy_runner.nodes.run_options import Options
+from policy_runner.nodes.topic_inputs import TopicInputs
 from policy_runner.policies.by_name import Policy, load_policy
-from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor.supervisor import LoopTiming, State, Supervisor, SupervisorOutput
 
 _LOOK: Final = 0.005  # s between looks at the inputs: the resolution of their age
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-class TopicInputs:
-    """Reads the newest joint_states, imu, odom and cmd_vel into inputs; now: node's time, s."""
-
-    def __init__(self, node: Node, inputs: Inputs, now: Callable[[], float]) -> None:
-        self._inputs, self._now = inputs, now
-        self._joints = PolledTopic[JointState](node, JointState, 'joint_states', _SENSORS)
-        self._imu = PolledTopic[Imu](node, Imu, 'imu', _SENSORS)
-        self._odom = PolledTopic[Odometry](node, Odometry, 'odom', _SENSORS)
-        self._command = PolledTopic[TwistStamped](node, TwistStamped, 'cmd_vel', _SENSORS)
-
-    def take(self) -> None:
-        """Put the newest message of each topic into the inputs, as having arrived now."""
-        inputs = self._inputs
-        if (joints := self._joints.newest()) is not None:
-            read = joints.name, joints.position, joints.velocity
-            inputs.on_joints(_ns(joints), *read, self._now())
-        if (imu := self._imu.newest()) is not None:
-            q, w, a = imu.orientation, imu.angular_velocity, imu.linear_acceleration
-            turned, felt = (q.x, q.y, q.z, q.w), (a.x, a.y, a.z)
-            inputs.on_imu(_ns(imu), turned, (w.x, w.y, w.z), self._now(), felt)
-        if (odom := self._odom.newest()) is not None:
-            v = odom.twist.twist.linear
-            inputs.on_odom(_ns(odom), (v.x, v.y, v.z), self._now())
-        if (command := self._command.newest()) is not None:
-            linear, turning = command.twist.linear, command.twist.angular
-            inputs.on_command((linear.x, linear.y, turning.z), self._now())
-
-
-def _ns(message: JointState | Imu | Odometry) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 class PolicyRunner(Node):

@@ -24,7 +24,7 @@ FADE: Final = 0.4  # s to go over from the targets of one to those of the other
 
 
 class Handover:
-    """Change of policy: a zero command until the robot stands, then a fade between targets.
+    """Change of policy: zero velocity commands for SETTLE s, then a fade between joint targets.
 
     It begins at time `now`, s; until it is done no velocity commands are taken.
     """

@@ -49,7 +49,7 @@ class Interleaver:
 
     @property
     def missing(self) -> list[int]:
-        """Number of frames of each slot that did not come, by their gaps."""
+        """Number of lost frames of each slot, by the gaps in their arrival times."""
         return self.merger.missing
 
     @property

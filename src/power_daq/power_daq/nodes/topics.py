@@ -142,6 +142,6 @@ def _publish_drives(publisher: SupplyPublisher, sample: Sample) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the node until Ctrl-C; 2 for a map that does not fit the topics."""
+    """Run the node until Ctrl-C; InputError for a map that does not fit the topics."""
     make = partial(TopicsNode, load_map(options.map), f'map {options.map}', options.commands)
     return run_node(make, options.ros_args)

@@ -94,9 +94,9 @@ def train_on_workers(
     folder: NetworkRunFolder,
     progress: Callable[[str, Trainer], None],
 ) -> dict[Job, Trainer]:
-    """Train all jobs of a cross-validation of these recordings by the engine; return trainers.
+    """Train all jobs of a cross-validation by the engine; return trainers by job.
 
-    progress: called with a job's name when it has ended.
+    progress: called with the name and trainer of each job that ends.
     """
     tasks = [NetworkTask.of(given, validation, job, folder) for job in validation.jobs]
     trainers: dict[Job, Trainer] = {}

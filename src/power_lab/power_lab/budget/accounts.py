@@ -156,7 +156,7 @@ class Accounts:
 
     @cached_property
     def signals(self) -> Signals:
-        """Signals, with the torque by the torque constants that the model was stored with."""
+        """Signals, with torque by the torque constants of the model, unless it is refitted."""
         signals = self.prepared.signals
         if self.judge.refits(self.model):
             return signals

@@ -204,7 +204,7 @@ def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, F
 
 
 def weight_of(family: Family, point: Linearisation, drive: int) -> Floats:
-    """Weight of a family's function, W per unit [T], at each sample of a drive."""
+    """Power for one unit of a family's function, W [T], at each sample of a drive."""
     signals = point.signals
     weight = evaluated(family.factor.code, signals, drive) * np.ones(len(signals.time))
     if family.acts_on == 'torque':  # what a torque on the motor costs, W/(N·m)

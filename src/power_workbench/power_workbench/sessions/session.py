@@ -182,7 +182,7 @@ class WorkbenchSession:
         self.start('Reading the log', 'look_at_log', {'file': file}, keep)
 
     def import_log(self, file: str, content: Mapping[str, Any], *, only_look: bool) -> None:
-        """Begin to import a log by the map `content`; only_look: show what it would give."""
+        """Begin to import a log by the map `content`, or only preview it; result: `log`."""
         given: dict[str, Any] = {'file': file, 'content': content}
         if not only_look:
             number = self.fresh('recording', '').name.rpartition('_')[2]

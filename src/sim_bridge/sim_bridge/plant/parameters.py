@@ -256,7 +256,7 @@ class Plant:
     """Simulated hardware of a robot: drives, supply, meter and sensors.
 
     drive_types: parameters by type; the type of a drive is what follows the last underscore of
-    its name, or `default`. unit: 0 for a unit exactly as written; any other number draws the
+    its name, or `default`. unit_number: 0 for a unit exactly as written; others draw the
     spread of that unit's parts. wear: factors on single drives' parameters by the effect's name,
     and the `current_offset` of a sensor, A, as {LF_KFE: {coulomb_friction: 1.4}}.
     """
@@ -280,7 +280,7 @@ class Plant:
             raise InputError('drive_types is empty; describe at least one type')
 
     def unit(self, number: int) -> 'Plant':
-        """Return unit `number` of the same design, 0 without spread; InputError if negative."""
+        """Return unit `number` of the same design, 0 without spread; InputError below 0."""
         plant = replace(self, unit_number=number)
         check(plant, f'plant {self.name}')
         return plant

@@ -174,7 +174,7 @@ class Analysis:
         return found
 
     def differences(self) -> dict[str, tuple[Mapping[str, Difference], float | None]]:
-        """Return `statistics.differences` of each other policy from the first, by its name."""
+        """Return differences of the levels of each other policy from the first, dB, by policy."""
         first, *others = self.policies
         base = [take.stretch for take in self.of(first)]
         return {

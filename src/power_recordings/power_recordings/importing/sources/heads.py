@@ -265,7 +265,7 @@ def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogCo
 
 
 def split(address: str, names: Mapping[str, Any]) -> tuple[str, int]:
-    """Split an address `name` or `name.index` into array name and column index."""
+    """Split an address `name.index` into name and column; of one in `names` the column is 0."""
     if address in names:
         return address, 0
     name, _, index = address.rpartition('.')
