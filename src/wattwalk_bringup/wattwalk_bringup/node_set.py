@@ -19,14 +19,6 @@ from wattwalk_bringup.settings import FOLDER, RANDOM, BringupSettings
 
 QOS: Final = FOLDER.parent / 'rosbag2_qos.yaml'
 _OTHER_TOPICS: Final = ('/cmd_vel', '/diagnostics')
-_PROGRAMS: Final = {
-    'sim': 'sim_bridge sim',
-    'daq': 'power_daq daq',
-    'supply': 'power_daq supply',
-    'policy': 'policy_runner run',
-    'estimator': 'power_estimator estimate',
-    'recorder': 'power_daq record',
-}
 Value = bool | int | float | str
 
 
@@ -72,34 +64,15 @@ class NodeCommand:
 def commands(settings: BringupSettings) -> tuple[NodeCommand, ...]:
     """Return the commands of a bring-up's nodes; InputError for paths that cannot be used."""
     _check_paths(settings)
-    bus = ('interface', 'channel', 'dbc', 'mapping')  # parameters of the same names
-    given: dict[str, dict[str, Value]] = {
-        'sim': {name: getattr(settings, name) for name in (*bus, 'plant', 'terrain')},
-        'daq': {name: getattr(settings, name) for name in (*bus, 'calibration', 'bus', 'drives')},
-        'supply': {'host': settings.supply},
-        'estimator': {'model': settings.model},
+    made = {
+        'sim': _sim,
+        'daq': _daq,
+        'supply': _supply,
+        'policy': _policy,
+        'estimator': _estimator,
+        'recorder': _recorder,
     }
-    space = {'__ns': settings.namespace} if settings.namespace else {}
-    # The bench supply's readings take the place of the simulated ones.
-    remapped = {'supply': 'simulated_supply'} if settings.supply else {}
-    found = []
-    for name in settings.nodes():
-        package, _, executable = _PROGRAMS[name].partition(' ')
-        own: tuple[str, ...] = ()
-        if name == 'policy':
-            own = _policy_arguments(settings)
-        elif name == 'recorder' and settings.recorder == 'rosbag2':
-            package, executable = 'ros2', 'bag record'
-            own = _rosbag2_arguments(settings)
-        elif name == 'recorder':
-            own = _recorder_arguments(settings)
-        # Of shipped settings, which are not checked, they may be lists.
-        more = settings.arguments.get(name, ())  # type: ignore[call-overload]
-        values = {key: value for key, value in given.get(name, {}).items() if value != ''}
-        values |= settings.parameters.get(name, {})  # type: ignore[call-overload]
-        remappings = {**(remapped if name == 'sim' else {}), **space}
-        found.append(NodeCommand(name, package, executable, (*own, *more), values, remappings))
-    return tuple(found)
+    return tuple(made[name](settings) for name in settings.nodes())
 
 
 def _check_paths(settings: BringupSettings) -> None:
@@ -120,7 +93,49 @@ def _check_paths(settings: BringupSettings) -> None:
             raise InputError("recorder: 'rosbag2' needs ROS 2; source it, or use power_daq")
 
 
-def _policy_arguments(settings: BringupSettings) -> tuple[str, ...]:
+def _command(
+    settings: BringupSettings,
+    name: str,
+    program: str,
+    parameters: Mapping[str, Value] | None = None,
+    own: tuple[str, ...] = (),
+    remappings: Mapping[str, str] | None = None,
+) -> NodeCommand:
+    package, _, executable = program.partition(' ')
+    set_here = {key: value for key, value in (parameters or {}).items() if value != ''}
+    return NodeCommand(
+        name,
+        package,
+        executable,
+        (*own, *settings.arguments.get(name, ())),  # type: ignore[call-overload]
+        {**set_here, **settings.parameters.get(name, {})},  # type: ignore[call-overload]
+        {**(remappings or {}), **({'__ns': settings.namespace} if settings.namespace else {})},
+    )
+
+
+def _on_bus(settings: BringupSettings, *others: str) -> dict[str, Value]:
+    """Settings of the bus, and others, that are parameters of the same names."""
+    names = ('interface', 'channel', 'dbc', 'mapping', *others)
+    return {name: getattr(settings, name) for name in names}
+
+
+def _sim(settings: BringupSettings) -> NodeCommand:
+    parameters = _on_bus(settings, 'plant', 'terrain')
+    # The bench supply's readings take the place of the simulated ones.
+    remapped = {'supply': 'simulated_supply'} if settings.supply else {}
+    return _command(settings, 'sim', 'sim_bridge sim', parameters, remappings=remapped)
+
+
+def _daq(settings: BringupSettings) -> NodeCommand:
+    parameters = _on_bus(settings, 'calibration', 'bus', 'drives')
+    return _command(settings, 'daq', 'power_daq daq', parameters)
+
+
+def _supply(settings: BringupSettings) -> NodeCommand:
+    return _command(settings, 'supply', 'power_daq supply', {'host': settings.supply})
+
+
+def _policy(settings: BringupSettings) -> NodeCommand:
     own = ['--policy', settings.policy]
     if settings.start:
         own.append('--start')
@@ -130,32 +145,42 @@ def _policy_arguments(settings: BringupSettings) -> tuple[str, ...]:
         own.append('--random-commands')
     elif settings.velocity:
         own.append(f'--velocity={settings.velocity}')
-    return tuple(own)
+    return _command(settings, 'policy', 'policy_runner run', own=tuple(own))
 
 
-def _rosbag2_arguments(settings: BringupSettings) -> tuple[str, ...]:
-    return (
-        *('-s', 'mcap', '--storage-preset-profile', 'zstd_fast'),
-        *('--qos-profile-overrides-path', str(QOS)),
-        *('-o', settings.record, '--topics', *read_yaml(QOS, 'QoS'), *_OTHER_TOPICS),
-    )
+def _estimator(settings: BringupSettings) -> NodeCommand:
+    parameters = {'model': settings.model}
+    return _command(settings, 'estimator', 'power_estimator estimate', parameters)
 
 
-def _recorder_arguments(settings: BringupSettings) -> tuple[str, ...]:
-    own: tuple[str, ...] = ('-o', settings.record)
+def _recorder(settings: BringupSettings) -> NodeCommand:
+    if settings.recorder == 'rosbag2':
+        topics = (*read_yaml(QOS, 'QoS'), *_OTHER_TOPICS)
+        own = (
+            *('-s', 'mcap', '--storage-preset-profile', 'zstd_fast'),
+            *('--qos-profile-overrides-path', str(QOS)),
+            *('-o', settings.record, '--topics', *topics),
+        )
+        return _command(settings, 'recorder', 'ros2 bag record', own=own)
+    own = ('-o', settings.record)
     if settings.duration:
         # On a busy machine a simulated robot may take half a minute to begin.
         own += ('--wait', '--duration', f'{settings.duration:g}')
+    if card := _card(settings):
+        own += ('--card', *card)
+    return _command(settings, 'recorder', 'power_daq record', own=own)
+
+
+def _card(settings: BringupSettings) -> tuple[str, ...]:
     known = {'controller': settings.policy, 'calibration': settings.calibration}
     if settings.robot == 'simulated':
         known |= {'robot': settings.plant, 'terrain': settings.terrain}
+    filled = (f'{key}={value}' for key, value in known.items() if value)
     try:
-        given = shlex.split(settings.card)
+        # Later entries replace earlier ones.
+        return (*filled, *shlex.split(settings.card))
     except ValueError as error:
         raise InputError(f'card: {quoted(settings.card)}: {error}') from None
-    # Later entries replace earlier ones.
-    card = [*(f'{key}={value}' for key, value in known.items() if value), *given]
-    return (*own, '--card', *card) if card else own
 
 
 def _text(value: Value) -> str:
