@@ -12,31 +12,21 @@ from contextlib import suppress
 import numpy as np
 import pytest
 import rclpy
-from builtin_interfaces.msg import Duration as DurationMessage
 from contents import MESSAGES
 from diagnostic_msgs.msg import DiagnosticStatus
 from power_recordings.messages import cdr
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.clock_type import ClockType as ClockTypeOfItsModule
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    InvalidQoSProfileException,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
-from rclpy.time import Time
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Imu, JointState
@@ -331,40 +321,6 @@ def test_qos_policies_tell_their_names():
     assert (profile.depth, profile.history) == (5, HistoryPolicy.KEEP_LAST)
     assert profile.reliability == ReliabilityPolicy.RELIABLE
     assert profile.durability == DurabilityPolicy.VOLATILE
-
-
-@pytest.mark.parametrize(
-    ('make', 'error'),
-    [
-        (lambda node: QoSProfile(), InvalidQoSProfileException),
-        (lambda node: QoSProfile(history=HistoryPolicy.KEEP_LAST), InvalidQoSProfileException),
-        (lambda node: QoSProfile(depth=1, speed=2), AssertionError),
-        (lambda node: QoSProfile(depth='1'), AssertionError),
-        (lambda node: QoSProfile(depth=1, reliability='reliable'), AssertionError),
-        (lambda node: QoSProfile(depth=1, reliability=77), ValueError),
-        (
-            lambda node: node.create_publisher(JointState, 'topic', QoSProfile(depth=-1)),
-            RuntimeError,
-        ),
-        (lambda node: node.create_publisher(JointState, 'topic', 10, speed=2), TypeError),
-        (lambda node: node.create_publisher(JointState, 3, 10), TypeError),
-        (lambda node: node.create_timer(-1.0, print), (ValueError, RuntimeError)),
-        (lambda node: Context().init(args=[], domain_id=-1), RuntimeError),
-        (lambda node: Clock(clock_type=1), TypeError),
-        (lambda node: node.get_clock().set_ros_time_override(3), TypeError),
-        (lambda node: Time.from_msg(DurationMessage()), TypeError),
-        (lambda node: Time(nanoseconds=1) - Duration(nanoseconds=2), ValueError),
-        (lambda node: get_logger(''), ValueError),
-    ],
-)
-def test_what_cannot_be_meant_is_refused(node, make, error):
-    with pytest.raises(error):
-        make(node)
-
-
-def test_a_depth_of_zero_is_warned_of():
-    with pytest.warns(UserWarning, match="A zero depth with KEEP_LAST doesn't make sense"):
-        QoSProfile(depth=0)
 
 
 def test_a_subscription_may_belong_to_a_group_of_its_own(node, spin_until):
