@@ -1,7 +1,8 @@
 """Ranges of state in which a model's error is largest, in words."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -65,7 +66,7 @@ class Regime:
 class _Range(NamedTuple):
     """Range of state with the sum of a model's error in it."""
 
-    conditions: tuple[str, ...]  # words
+    told: Callable[[], tuple[str, ...]]  # its conditions in words, made of the worst range alone
     bounds: Mapping[str, tuple[float, float]]  # by quantity
     summed: float  # estimated − measured, W
     rows: float
@@ -132,7 +133,7 @@ def worst_regimes(
                 found.append(
                     Regime(
                         drive=name,
-                        conditions=best.conditions,
+                        conditions=best.told(),
                         bounds=best.bounds,
                         error_w=best.summed / best.rows,
                         seconds=best.rows / _RATE,
@@ -207,11 +208,19 @@ def _by_load(
         )
         if rows >= _LEAST_ROWS:
             bounds = {'torque': (loads[a], loads[b])}
-            words = [mode, _words(*bounds['torque'], 'N·m', loads)]
             if mode != 'at rest':
                 bounds['speed'] = speeds[c], speeds[d]
-                words.append(_words(*bounds['speed'], 'rad/s', speeds))
-            yield _Range(tuple(word for word in words if word), bounds, summed, rows)
+            told = partial(_load_words, mode, bounds, {'torque': loads, 'speed': speeds})
+            yield _Range(told, bounds, summed, rows)
+
+
+def _load_words(
+    mode: str,
+    bounds: Mapping[str, tuple[float, float]],
+    edges: Mapping[str, Sequence[float]],
+) -> tuple[str, ...]:
+    words = (_words(*ends, UNITS[name], edges[name]) for name, ends in bounds.items())
+    return (mode, *filter(None, words))
 
 
 def _by_range(error: Floats, key: str, values: Floats) -> Iterator[_Range]:
@@ -225,9 +234,14 @@ def _by_range(error: Floats, key: str, values: Floats) -> Iterator[_Range]:
     for a, b in combinations(range(count + 1), 2):
         within = float(rows[a:b].sum())
         if b - a <= count // 2 and within >= _LEAST_ROWS:
-            low, high = edges[a], edges[b]
-            words = f'{key} {digits(low)} to {digits(high)} {UNITS[key]}'
-            yield _Range((words,), {key: (low, high)}, float(sums[a:b].sum()), within)
+            ends = edges[a], edges[b]
+            yield _Range(
+                partial(_range_words, key, *ends), {key: ends}, float(sums[a:b].sum()), within
+            )
+
+
+def _range_words(key: str, low: float, high: float) -> tuple[str, ...]:
+    return (f'{key} {digits(low)} to {digits(high)} {UNITS[key]}',)
 
 
 def _by_label(error: Floats, key: str, words: NDArray[np.str_]) -> Iterator[list[_Range]]:
@@ -237,7 +251,7 @@ def _by_label(error: Floats, key: str, words: NDArray[np.str_]) -> Iterator[list
         own = error[words == word]
         if own.size >= _LEAST_ROWS:
             text = word if key == 'phase' else f'{key} {word}'
-            yield [_Range((text,), {}, float(own.sum()), own.size)]
+            yield [_Range(partial(tuple, (text,)), {}, float(own.sum()), own.size)]
 
 
 def _words(low: float, high: float, unit: str, edges: Sequence[float]) -> str:
