@@ -235,11 +235,12 @@ def _aliasing(
 def _response(measured: MeasuredDrive, log: Log, found: ReferenceFit) -> Response | None:
     """Return the response of our current, or of the quantity that the log has instead."""
     curve = measured.curve
-    for values, ours in (
-        (log.current, curve.columns(slice(1, 2))),
-        (log.power, measured.power),
-        (log.voltage, curve.columns(slice(0, 1))),
-    ):
-        if values is not None:
-            return response_of_drive(ours, log.curve(values), found.clock)
-    return None
+    if log.current is not None:
+        values, ours = log.current, curve.columns(slice(1, 2))
+    elif log.power is not None:
+        values, ours = log.power, measured.power
+    elif log.voltage is not None:
+        values, ours = log.voltage, curve.columns(slice(0, 1))
+    else:
+        return None
+    return response_of_drive(ours, log.curve(values), found.clock)
