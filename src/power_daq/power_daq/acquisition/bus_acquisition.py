@@ -9,7 +9,7 @@ from enum import Enum
 from queue import Empty, SimpleQueue
 
 import can
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, LogTarget, Report, faults
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, LogTarget, Report, faults, some
 from wattwalk_core.worker import DeviceWorker
 
 from power_daq.acquisition.receiver import Interleaver, Receiver, Sample
@@ -231,13 +231,6 @@ _FAULTS = (
     'unknown',
     'steps of the system clock',
 )
-
-
-def some(names: Sequence[str]) -> str:
-    """Return the first of some names, and how many more there are."""
-    chosen = list(dict.fromkeys(names))
-    more = f' and {len(chosen) - _NAMED} more' if len(chosen) > _NAMED else ''
-    return ', '.join(chosen[:_NAMED]) + more
 
 
 class BusHealth:

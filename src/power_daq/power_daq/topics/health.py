@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report, faults, some
 
-from power_daq.acquisition.bus_acquisition import some
 from power_daq.topics.republisher import Republisher
 
 _LAG = 1.0  # s between the stamps of topics that belong together

@@ -2,7 +2,7 @@
 
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final, Protocol
@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 _FIGURES: Final = re.compile(r'\b\d+(?:\.\d+)?\b')
+_NAMED: Final = 4  # in a sentence
 _KINDS: Final = 8  # bounds the lines where the texts of faults are an attacker's
 
 
@@ -106,6 +107,13 @@ def faults(news: Mapping[str, float], is_fault: Callable[[str], bool]) -> str:
     news: change of each counter; is_fault: says whether the counter of that name counts faults.
     """
     return ', '.join(f'{n:.0f} {name}' for name, n in news.items() if n > 0 and is_fault(name))
+
+
+def some(names: Sequence[str]) -> str:
+    """Return the first of different names, and how many more there are."""
+    chosen = list(dict.fromkeys(names))
+    more = f' and {len(chosen) - _NAMED} more' if len(chosen) > _NAMED else ''
+    return ', '.join(chosen[:_NAMED]) + more
 
 
 class CountChanges:
